@@ -1,0 +1,27 @@
+"""Shared fixtures: where the benchmark data lies, whether OpenGL works, one seeded generator."""
+
+import os
+from pathlib import Path
+
+import pytest
+import torch
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(20260101)
+
+
+@pytest.fixture
+def benchmark_data() -> Path:
+    if not DATA.is_dir():
+        pytest.skip("the benchmark data folder is not beside this repository")
+    return DATA
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Two test workers share two cores: one torch thread each."""
+    if os.environ.get("PYTEST_XDIST_WORKER"):
+        torch.set_num_threads(1)

@@ -1,0 +1,101 @@
+"""The named errors: each says where, what was got, and how to mend it.
+
+Every error the package raises on purpose derives from `RadiometryError` and from the
+built-in class that a Python reader expects (`ValueError`, `TypeError`, `IndexError` ...), so
+`except ValueError` keeps working. The message always has three parts, in this order: the
+argument or object, what was got, what to do. The command line prints it as one sentence and
+leaves with exit code 2.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "DegenerateGeometryError",
+    "DTypeError",
+    "EmptySceneError",
+    "FileFormatError",
+    "IndexRangeError",
+    "InputFileError",
+    "InvalidValueError",
+    "MissingDependencyError",
+    "NoGraphicsError",
+    "NotConvergedError",
+    "OutOfRangeError",
+    "RadiometryError",
+    "ResourceLimitError",
+    "ShapeError",
+    "SingularSystemError",
+]
+
+
+class RadiometryError(Exception):
+    """Base of every error raised on purpose: `where`, what was `got`, and how to `mend` it.
+
+    Args:
+        where: the argument, file or part of the scene at fault.
+        got: what was found there.
+        mend: what to do about it, as an imperative.
+
+    >>> str(ShapeError("normal", "a tensor of shape (2, 4, 8, 8)", "pass B x 3 x H x W"))
+    'normal: got a tensor of shape (2, 4, 8, 8); pass B x 3 x H x W.'
+    """
+
+    def __init__(self, where: str, got: str, mend: str) -> None:
+        self.where, self.got, self.mend = where, got, mend
+        super().__init__(f"{where}: got {got}; {mend}.")
+
+
+class InvalidValueError(RadiometryError, ValueError):
+    """A value is NaN or infinite where a finite number is needed."""
+
+
+class OutOfRangeError(RadiometryError, ValueError):
+    """A value lies outside its physical range (an albedo of 1.2, a negative radiance)."""
+
+
+class DegenerateGeometryError(RadiometryError, ValueError):
+    """A shape has no area, no direction or no plane (a zero-area face, a zero-length normal)."""
+
+
+class ShapeError(RadiometryError, ValueError):
+    """A tensor has the wrong rank, channel count or size."""
+
+
+class DTypeError(RadiometryError, TypeError):
+    """A tensor has the wrong dtype or device, or an argument the wrong Python type."""
+
+
+class IndexRangeError(RadiometryError, IndexError):
+    """A face, patch or instance index points at nothing."""
+
+
+class SingularSystemError(RadiometryError, ArithmeticError):
+    """The radiosity system has no unique solution (albedo 1 in a closed enclosure)."""
+
+
+class NotConvergedError(RadiometryError, ArithmeticError):
+    """An iteration stopped before its tolerance and the caller asked for an error."""
+
+
+class EmptySceneError(RadiometryError, ValueError):
+    """The scene has nothing to shade, nothing that shines, or nothing that looks."""
+
+
+class ResourceLimitError(RadiometryError, MemoryError):
+    """The request would need more memory or time than its stated budget."""
+
+
+class InputFileError(RadiometryError, OSError):
+    """A file or folder is missing or cannot be read."""
+
+
+class FileFormatError(RadiometryError, ValueError):
+    """A file was read but does not hold what it should."""
+
+
+class MissingDependencyError(RadiometryError, ImportError):
+    """An optional library is not installed; the message names the extra that brings it."""
+
+
+class NoGraphicsError(RadiometryError, RuntimeError):
+    """No OpenGL context can be made; the message names the system package to install."""

@@ -1,0 +1,211 @@
+"""Pictures and other files: the only place that reads and writes them.
+
+Writing is atomic: the bytes go to a temporary name in the same folder, which is renamed when
+they are complete, so that an interrupted command leaves no half file. Reading is bounded: a
+file of more than `MAX_BYTES` or a picture of more than `MAX_PIXELS` is refused before it is
+decoded. Arrays in memory are linear radiance; only `.png` is tone-mapped.
+
+| ending | holds |
+|---|---|
+| `.npy` | float32, linear, exact |
+| `.exr` | float32, linear, exact (OpenEXR) |
+| `.hdr` | shared-exponent 8-bit mantissas, linear, about 0.4 % (Radiance RGBE) |
+| `.png` | 8-bit sRGB, for the eye |
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchradiometry.errors import (
+    FileFormatError,
+    InputFileError,
+    InvalidValueError,
+    MissingDependencyError,
+    ResourceLimitError,
+    ShapeError,
+)
+
+__all__ = [
+    "MAX_BYTES",
+    "MAX_PIXELS",
+    "PICTURE_ENDINGS",
+    "atomic_path",
+    "check_readable",
+    "linear_to_srgb",
+    "read_picture",
+    "srgb_to_linear",
+    "write_picture",
+]
+
+MAX_BYTES = 2**30
+MAX_PIXELS = 2**27
+PICTURE_ENDINGS = (".npy", ".exr", ".hdr", ".png")
+
+
+@contextmanager
+def atomic_path(path: str | Path) -> Iterator[Path]:
+    """A temporary name beside `path`, renamed to it when the block ends without an error.
+
+    The ending is kept, so libraries that look at it write the right format.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputFileError(str(path), "a folder that does not exist", f"create {path.parent}")
+    handle, name = tempfile.mkstemp(prefix=".", suffix=".tmp" + path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current
+
+
+def check_readable(path: str | Path, what: str) -> Path:
+    """The path, if it is a file of bounded size; otherwise a named error."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputFileError(str(path), "a folder", f"name the {what} itself")
+    if not path.is_file():
+        raise InputFileError(str(path), "no such file", f"name an existing {what}")
+    if path.stat().st_size > MAX_BYTES:
+        raise ResourceLimitError(
+            str(path), f"{path.stat().st_size} bytes", f"pass a {what} of at most {MAX_BYTES} bytes"
+        )
+    return path
+
+
+def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Linear 0..1 from sRGB-encoded 0..1 (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb(linear: NDArray[np.floating]) -> NDArray[np.floating]:
+    """sRGB-encoded 0..1 from linear 0..1 (IEC 61966-2-1); values outside are clipped."""
+    linear = np.clip(linear, 0, 1)
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def read_picture(path: str | Path) -> NDArray[np.float32]:
+    """A picture file as float32, `H x W x 3` (or `H x W` if grey), stored values unchanged.
+
+    8-bit files give 0..1 in steps of 1/255, 16-bit files of 1/65535; nothing is linearised:
+    the caller knows whether the file was linear or sRGB. Alpha is dropped.
+    """
+    path = check_readable(path, "picture")
+    if path.suffix.lower() == ".npy":
+        return _read_npy(path)
+    cv2 = _opencv()
+    try:
+        if path.suffix.lower() == ".exr":
+            pixels = _read_exr(path)
+        else:
+            pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except Exception as error:
+        raise FileFormatError(str(path), f"unreadable data ({error})", "pass a picture") from error
+    if pixels is None:
+        raise FileFormatError(str(path), "no picture that can be decoded", "pass a picture file")
+    full_scale = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}.get(pixels.dtype, 1.0)
+    pixels = pixels.astype(np.float32) / np.float32(full_scale)
+    if pixels.ndim == 3 and path.suffix.lower() != ".exr":
+        pixels = pixels[..., 2::-1] if pixels.shape[2] >= 3 else pixels[..., 0]
+    return np.ascontiguousarray(pixels)
+
+
+def _read_npy(path: Path) -> NDArray[np.float32]:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise FileFormatError(str(path), f"no array ({error})", "pass a NumPy .npy file") from error
+    return array.astype(np.float32)
+
+
+def _read_exr(path: Path) -> NDArray[np.float32]:
+    channels = _openexr().File(str(path), separate_channels=False).channels()
+    return np.asarray((channels.get("RGB") or channels.get("RGBA")).pixels)[..., :3]
+
+
+def write_picture(
+    path: str | Path, radiance: NDArray[np.floating], *, exposure: float | None = None
+) -> Path:
+    """Write `H x W x 3` linear radiance in the format that the ending names, atomically.
+
+    Args:
+        path: ends in `.npy`, `.exr`, `.hdr` or `.png`.
+        radiance: finite, linear, W/m2/sr.
+        exposure: for `.png`: the factor before sRGB encoding; by default the 99th percentile
+            becomes white.
+
+    Raises:
+        FileFormatError: another ending.
+        InvalidValueError: NaN or infinite pixels.
+        ShapeError: not `H x W x 3`.
+    """
+    path, pixels = Path(path), np.asarray(radiance, dtype=np.float32)
+    ending = path.suffix.lower()
+    if ending not in PICTURE_ENDINGS:
+        raise FileFormatError(str(path), f"the ending {ending!r}", f"use {PICTURE_ENDINGS}")
+    if pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise ShapeError("radiance", f"shape {pixels.shape}", "pass H x W x 3")
+    if not np.isfinite(pixels).all():
+        raise InvalidValueError("radiance", "NaN or infinite pixels", "write finite values")
+    with atomic_path(path) as temporary:
+        if ending == ".npy":
+            np.save(temporary, pixels, allow_pickle=False)
+        elif ending == ".exr":
+            _write_exr(temporary, pixels)
+        else:
+            if ending == ".png":
+                pixels = _tone_mapped(pixels, exposure)
+            if not _opencv().imwrite(str(temporary), pixels[..., ::-1]):
+                raise FileFormatError(str(path), "a picture OpenCV cannot write", "try .npy")
+    return path
+
+
+def _write_exr(path: Path, pixels: NDArray[np.float32]) -> None:
+    openexr = _openexr()
+    header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
+    openexr.File(header, {"RGB": np.ascontiguousarray(pixels)}).write(str(path))
+
+
+def _tone_mapped(pixels: NDArray[np.float32], exposure: float | None) -> NDArray[np.uint8]:
+    if exposure is None:
+        white = float(np.percentile(pixels, 99)) if pixels.size else 0.0
+        exposure = 1 / white if white > 0 else 1.0
+    return np.round(255 * linear_to_srgb(pixels * exposure)).astype(np.uint8)
+
+
+def _opencv():  # type: ignore[no-untyped-def]
+    try:
+        import cv2
+    except ImportError as error:
+        raise MissingDependencyError(
+            "OpenCV", "no installation", "run: pip install 'torchradiometry[render]'"
+        ) from error
+    cv2.setLogLevel(0)
+    return cv2
+
+
+def _openexr():  # type: ignore[no-untyped-def]
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise MissingDependencyError(
+            "OpenEXR", "no installation", "run: pip install 'torchradiometry[render]'"
+        ) from error
+    return OpenEXR

@@ -1,0 +1,52 @@
+"""What every material answers: its BRDF, reflected radiance per irradiance, in 1/sr.
+
+    f_r(wi, wo) = dL_o / dE_i          (the cosine is the shader's)
+
+A material's parameters have shape `*batch channel` (per point, per pixel, or one for all)
+and broadcast against directions from the right, so the light axis of an `Arrival` or the
+sample axis of a quadrature may stand in front.
+
+References: F. E. Nicodemus et al., NBS Monograph 160 (1977), eq. 3-5.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor, nn
+
+from torchradiometry.errors import DTypeError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = ["AbstractMaterial"]
+
+
+class AbstractMaterial(nn.Module):
+    """A reflecting surface. Subclasses are final; they combine by `SumMaterial`."""
+
+    @abstractmethod
+    def forward(
+        self,
+        incident_direction: Float[Tensor, "*batch 3"],
+        outgoing_direction: Float[Tensor, "*batch 3"],
+        normal: Float[Tensor, "*batch 3"],
+    ) -> Float[Tensor, "*batch channel"]:
+        """BRDF in 1/sr, without the cosine; 0 where wi or wo is below the surface."""
+
+    def _hold(self, name: str, value: object, learnable: bool) -> None:
+        """Keep `value` as a parameter or buffer of shape `*batch channel`."""
+        tensor = torch.as_tensor(value)
+        if tensor.is_complex():
+            raise DTypeError(name, f"{tensor.dtype}", "pass real numbers")
+        if not tensor.is_floating_point():
+            tensor = tensor.to(torch.get_default_dtype())
+        if tensor.ndim == 0:
+            tensor = tensor.reshape(1)
+        if learnable:
+            self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
+        else:
+            self.register_buffer(name, tensor)

@@ -1,0 +1,150 @@
+"""What every source answers: which light arrives at a point.
+
+A source reports, for each of its lights and each surface point, the direction the light
+comes from, the irradiance it would make on a plane that *faces* that direction, and the
+distance. It knows neither visibility nor BRDF: the shader multiplies
+
+    L = sum over lights of  f_r * E * max(0, n . wi) * V.
+
+The light axis comes **first** in an `Arrival`, so that every per-point quantity (normals,
+albedo, shininess) broadcasts against it as it stands.
+
+An extended source (sphere, polygon, dome) reports the direction and length of its *vector
+irradiance*, clipped to the part above the receiver's horizon; E * (n . wi) is then its exact
+Lambertian irradiance.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from torchradiometry.errors import DTypeError, ShapeError
+from torchradiometry.numerics import clamped_cosine
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = ["AbstractSource", "Arrival", "arrive", "irradiance", "light_first"]
+
+
+class Arrival(NamedTuple):
+    """The light that arrives at points, one row per light.
+
+    Attributes:
+        direction: incident direction wi, unit, from the surface to the source.
+        irradiance: W/m2 on a plane that faces `direction`.
+        distance: m; infinite for a distant source.
+    """
+
+    direction: Float[Tensor, "light *batch point 3"]
+    irradiance: Float[Tensor, "light *batch point channel"]
+    distance: Float[Tensor, "light *batch point"]
+
+
+class AbstractSource(nn.Module):
+    """One or more lights of one kind. Subclasses are final.
+
+    Parameters of a source have shape `*batch light k`: unbatched (`light k`) they serve every
+    image of a batch; batched, each image has its own. `learnable=True` makes them
+    `nn.Parameter`s, otherwise they are buffers; both move and save with the module.
+
+    Attributes:
+        has_direction: False for light from everywhere (domes), which has no highlight; only
+            the diffuse part of a material answers to it.
+        needs_position: True if `forward` needs points (near sources); distant ones take None.
+    """
+
+    has_direction: bool = True
+    needs_position: bool = True
+
+    @abstractmethod
+    def forward(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+    ) -> Arrival:
+        """The light arriving at `position` (m) on surfaces of unit `normal`."""
+
+    def _hold(self, name: str, value: object, learnable: bool, last: int | None = None) -> None:
+        """Keep `value` as a parameter or buffer of shape `*batch light k`.
+
+        A bare vector (`k`) becomes one light; a bare number one light with one channel.
+        """
+        tensor = torch.as_tensor(value)
+        if tensor.is_complex():
+            raise DTypeError(name, f"{tensor.dtype}", "pass real numbers")
+        if not tensor.is_floating_point():
+            tensor = tensor.to(torch.get_default_dtype())
+        if tensor.ndim == 0:
+            tensor = tensor.reshape(1)
+        if tensor.ndim == 1:
+            tensor = tensor.unsqueeze(0)
+        if last is not None and tensor.shape[-1] != last:
+            raise ShapeError(
+                name,
+                f"a tensor of shape {tuple(tensor.shape)}",
+                f"its last axis holds {last} numbers; pass `light {last}` or `batch light {last}`",
+            )
+        if learnable:
+            self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
+        else:
+            self.register_buffer(name, tensor)
+
+
+def light_first(parameter: Float[Tensor, "*batch light k"], like: Tensor) -> Tensor:
+    """A source parameter as `light *batch 1 k`, ready to broadcast against `like`.
+
+    Args:
+        parameter: `*batch light k`; its batch axes match the leading axes of `like` or are
+            absent.
+        like: points or normals, `*batch point 3`.
+    """
+    moved = parameter.movedim(-2, 0)
+    missing = like.ndim - 1 - (parameter.ndim - 1)
+    if missing < 0:
+        raise ShapeError(
+            "source parameter",
+            f"shape {tuple(parameter.shape)} against points of shape {tuple(like.shape)}",
+            "a per-image source needs as many batch axes as the points have",
+        )
+    shape = moved.shape[:1] + (1,) * missing + moved.shape[1:-1] + (1,) + moved.shape[-1:]
+    return moved.reshape(shape)
+
+
+def arrive(
+    sources: AbstractSource | Sequence[AbstractSource],
+    position: Float[Tensor, "*batch point 3"] | None,
+    normal: Float[Tensor, "*batch point 3"],
+) -> Arrival:
+    """All lights of a mixed list of sources, stacked along the light axis.
+
+    Channels broadcast: a source of one channel shines white on all.
+    """
+    members = [sources] if isinstance(sources, AbstractSource) else list(sources)
+    if not members:
+        raise ShapeError("sources", "an empty list", "pass at least one source")
+    found = [member(position, normal) for member in members]
+    channels = max(arrival.irradiance.shape[-1] for arrival in found)
+    points = normal.shape[:-1]
+    return Arrival(
+        torch.cat([a.direction.expand(-1, *points, 3) for a in found]),
+        torch.cat([a.irradiance.expand(-1, *points, channels) for a in found]),
+        torch.cat([a.distance.expand(-1, *points) for a in found]),
+    )
+
+
+def irradiance(
+    arrival: Arrival,
+    normal: Float[Tensor, "*batch point 3"],
+    visibility: Float[Tensor, "light *batch point"] | None = None,
+) -> Float[Tensor, "*batch point channel"]:
+    """E = sum over lights of E_facing max(0, n . wi) V, in W/m2 on the surface itself."""
+    cosine = clamped_cosine(normal, arrival.direction)
+    if visibility is not None:
+        cosine = cosine * visibility
+    return (cosine.unsqueeze(-1) * arrival.irradiance).sum(0)

@@ -1,0 +1,81 @@
+"""Distant source: parallel light, the same direction and irradiance at every point.
+
+    E_facing = E0,   wi = d,   r = infinity
+
+The limit of a point source moved away while its power grows: the sun on a scene.
+
+References: D. Forsyth and J. Ponce, *Computer Vision: A Modern Approach*, 2nd ed. (2011), 2.1.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, final
+
+import torch
+from torch import Tensor
+
+from torchradiometry.numerics import safe_normalize
+from torchradiometry.sources.base import AbstractSource, Arrival, light_first
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = ["DirectionalSource", "directional_arrival"]
+
+
+def directional_arrival(
+    direction: Float[Tensor, "*batch light 3"],
+    irradiance: Float[Tensor, "*batch light channel"],
+    normal: Float[Tensor, "*batch point 3"],
+) -> Arrival:
+    """Light of distant sources at points with the given normals.
+
+    Args:
+        direction: to the source; need not be unit, the zero vector gives no light.
+        irradiance: W/m2 on a plane that faces the source, >= 0.
+        normal: only its shape is used.
+
+    Returns:
+        The arrival; distance is infinite.
+
+    Differentiable in: direction, irradiance.
+    Export: compile yes, ONNX yes.
+    """
+    towards = light_first(safe_normalize(direction), normal).expand(-1, *normal.shape[:-1], 3)
+    facing = light_first(irradiance, normal)
+    facing = facing.expand(-1, *normal.shape[:-1], irradiance.shape[-1])
+    return Arrival(towards, facing, torch.full_like(towards[..., 0], torch.inf))
+
+
+@final
+class DirectionalSource(AbstractSource):
+    """Distant lights.
+
+    Args:
+        direction: `light 3` or `batch light 3` (or one bare 3-vector), to the source.
+        irradiance: `light channel` or `batch light channel`, W/m2 on a facing plane.
+        learnable: keep both as `nn.Parameter`s.
+
+    >>> sun = DirectionalSource([0.0, 0.0, 1.0], [3.0])
+    >>> sun(None, torch.tensor([[0.0, 0.0, 1.0]])).irradiance
+    tensor([[[3.]]])
+    """
+
+    needs_position = False
+    direction: Tensor
+    irradiance: Tensor
+
+    def __init__(self, direction: object, irradiance: object, *, learnable: bool = False) -> None:
+        super().__init__()
+        self._hold("direction", direction, learnable, last=3)
+        self._hold("irradiance", irradiance, learnable)
+
+    def forward(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+    ) -> Arrival:
+        return directional_arrival(self.direction, self.irradiance, normal)
+
+    def extra_repr(self) -> str:
+        return f"lights={self.direction.shape[-2]}, direction [1], irradiance [W/m2]"
