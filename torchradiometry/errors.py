@@ -10,8 +10,8 @@ leaves with exit code 2.
 from __future__ import annotations
 
 __all__ = [
-    "DegenerateGeometryError",
     "DTypeError",
+    "DegenerateGeometryError",
     "EmptySceneError",
     "FileFormatError",
     "IndexRangeError",

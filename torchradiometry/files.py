@@ -116,6 +116,8 @@ def read_picture(path: str | Path) -> NDArray[np.float32]:
             pixels = _read_exr(path)
         else:
             pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except ResourceLimitError:
+        raise
     except Exception as error:
         raise FileFormatError(str(path), f"unreadable data ({error})", "pass a picture") from error
     if pixels is None:
@@ -129,14 +131,25 @@ def read_picture(path: str | Path) -> NDArray[np.float32]:
 
 def _read_npy(path: Path) -> NDArray[np.float32]:
     try:
-        array = np.load(path, allow_pickle=False)
+        array = np.load(path, allow_pickle=False, mmap_mode="r")
     except (ValueError, EOFError, OSError) as error:
         raise FileFormatError(str(path), f"no array ({error})", "pass a NumPy .npy file") from error
+    _check_pixels(path, array.size)
     return array.astype(np.float32)
 
 
+def _check_pixels(path: Path, pixels: int) -> None:
+    if pixels > MAX_PIXELS:
+        raise ResourceLimitError(
+            str(path), f"{pixels} pixels", f"pass a picture of at most {MAX_PIXELS}"
+        )
+
+
 def _read_exr(path: Path) -> NDArray[np.float32]:
-    channels = _openexr().File(str(path), separate_channels=False).channels()
+    openexr = _openexr()
+    low, high = openexr.File(str(path), header_only=True).header()["dataWindow"]
+    _check_pixels(path, int(np.prod(np.asarray(high) - np.asarray(low) + 1)))
+    channels = openexr.File(str(path), separate_channels=False).channels()
     return np.asarray((channels.get("RGB") or channels.get("RGBA")).pixels)[..., :3]
 
 
@@ -191,13 +204,14 @@ def _tone_mapped(pixels: NDArray[np.float32], exposure: float | None) -> NDArray
 
 
 def _opencv():  # type: ignore[no-untyped-def]
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))  # before any decoding
     try:
         import cv2
     except ImportError as error:
         raise MissingDependencyError(
             "OpenCV", "no installation", "run: pip install 'torchradiometry[render]'"
         ) from error
-    cv2.setLogLevel(0)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     return cv2
 
 

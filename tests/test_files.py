@@ -1,0 +1,114 @@
+"""files: exact where the format allows, atomic always, polite about bad data."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torchradiometry import errors, files
+
+RADIANCE = np.random.default_rng(1).uniform(0, 20, (5, 7, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("ending", [".npy", ".exr"])
+def test_linear_formats_are_exact(tmp_path: Path, ending: str) -> None:
+    path = files.write_picture(tmp_path / f"a{ending}", RADIANCE)
+    np.testing.assert_array_equal(files.read_picture(path), RADIANCE)
+
+
+def test_hdr_keeps_eight_bits_of_the_largest_channel(tmp_path: Path) -> None:
+    back = files.read_picture(files.write_picture(tmp_path / "a.hdr", RADIANCE))
+    assert (np.abs(back - RADIANCE) <= RADIANCE.max(-1, keepdims=True) / 128).all()
+
+
+def test_png_is_srgb_encoded_and_clipped(tmp_path: Path) -> None:
+    ramp = np.repeat(np.linspace(0, 2, 9, dtype=np.float32)[None, :, None], 3, axis=2)
+    back = files.read_picture(files.write_picture(tmp_path / "a.png", ramp, exposure=1.0))
+    np.testing.assert_allclose(files.srgb_to_linear(back), ramp.clip(0, 1), atol=0.005)
+
+
+def test_srgb_curve_is_its_own_inverse_and_hits_known_values() -> None:
+    x = np.linspace(0, 1, 1001)
+    np.testing.assert_allclose(files.srgb_to_linear(files.linear_to_srgb(x)), x, atol=2e-7)
+    np.testing.assert_allclose(files.srgb_to_linear(np.array([0.5])), 0.21404114, rtol=1e-7)
+
+
+def test_an_error_leaves_neither_the_file_nor_a_temporary(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), files.atomic_path(tmp_path / "a.bin") as temporary:
+        temporary.write_bytes(b"half")
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_keeps_the_file_that_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    files.write_picture(path, RADIANCE)
+    with pytest.raises(errors.InvalidValueError):
+        files.write_picture(path, RADIANCE * np.nan)
+    np.testing.assert_array_equal(files.read_picture(path), RADIANCE)
+
+
+@pytest.mark.parametrize(
+    ("name", "pixels", "error"),
+    [
+        ("a.jpg", RADIANCE, errors.FileFormatError),
+        ("a.png", RADIANCE[..., 0], errors.ShapeError),
+        ("a.exr", np.full_like(RADIANCE, np.inf), errors.InvalidValueError),
+        ("none/a.png", RADIANCE, errors.InputFileError),
+    ],
+)
+def test_bad_pictures_are_refused(tmp_path: Path, name: str, pixels, error: type) -> None:
+    with pytest.raises(error):
+        files.write_picture(tmp_path / name, pixels)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".npy", ".exr", ".hdr", ".png"])
+@pytest.mark.parametrize("content", [b"", b"nonsense", None], ids=["empty", "nonsense", "cut"])
+def test_damaged_files_are_named(tmp_path: Path, ending: str, content: bytes | None) -> None:
+    path = tmp_path / f"a{ending}"
+    if content is None:
+        whole = files.write_picture(tmp_path / f"b{ending}", RADIANCE).read_bytes()
+        content = whole[: len(whole) // 3]
+    path.write_bytes(content)
+    with pytest.raises(errors.FileFormatError, match=path.name):
+        files.read_picture(path)
+
+
+def test_a_pickle_is_never_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.array([{"a": 1}]), allow_pickle=True)
+    with pytest.raises(errors.FileFormatError):
+        files.read_picture(path)
+
+
+def test_missing_and_folder_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(errors.InputFileError, match="no such file"):
+        files.read_picture(tmp_path / "a.png")
+    with pytest.raises(errors.InputFileError, match="a folder"):
+        files.read_picture(tmp_path)
+
+
+def png_that_claims(width: int, height: int) -> bytes:
+    """A PNG header of the given size, and no pixels."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        body = name + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    pixels = chunk(b"IDAT", zlib.compress(b"\0" * 100))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + pixels + chunk(b"IEND", b"")
+
+
+def test_a_picture_that_claims_to_be_huge_is_refused_before_decoding(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(png_that_claims(60_000, 60_000))
+    with pytest.raises(errors.FileFormatError, match=r"a\.png"):
+        files.read_picture(tmp_path / "a.png")
+    np.lib.format.open_memmap(tmp_path / "a.npy", "w+", np.uint8, (2**27 + 1,)).flush()
+    with pytest.raises(errors.ResourceLimitError, match="pixels"):
+        files.read_picture(tmp_path / "a.npy")
