@@ -38,9 +38,13 @@ def test_srgb_curve_is_its_own_inverse_and_hits_known_values() -> None:
 
 
 def test_an_error_leaves_neither_the_file_nor_a_temporary(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), files.atomic_path(tmp_path / "a.bin") as temporary:
-        temporary.write_bytes(b"half")
-        raise RuntimeError
+    def interrupted() -> None:
+        with files.atomic_path(tmp_path / "a.bin") as temporary:
+            temporary.write_bytes(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert list(tmp_path.iterdir()) == []
 
 

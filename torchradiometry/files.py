@@ -16,6 +16,7 @@ decoded. Arrays in memory are linear radiance; only `.png` is tone-mapped.
 from __future__ import annotations
 
 import os
+import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,9 +40,12 @@ __all__ = [
     "PICTURE_ENDINGS",
     "atomic_path",
     "check_readable",
+    "decode_picture",
     "linear_to_srgb",
+    "read_counts",
     "read_picture",
     "srgb_to_linear",
+    "write_counts",
     "write_picture",
 ]
 
@@ -107,26 +111,90 @@ def read_picture(path: str | Path) -> NDArray[np.float32]:
     8-bit files give 0..1 in steps of 1/255, 16-bit files of 1/65535; nothing is linearised:
     the caller knows whether the file was linear or sRGB. Alpha is dropped.
     """
+    return _scaled(read_counts(path))
+
+
+def decode_picture(data: bytes, where: str) -> NDArray[np.float32]:
+    """A PNG or JPEG file in memory as float32, as `read_picture` gives it.
+
+    Args:
+        data: the bytes of the file.
+        where: what it is called in an error.
+
+    Raises:
+        FileFormatError: neither PNG nor JPEG, or damaged.
+        ResourceLimitError: more than `MAX_PIXELS`, as its header says.
+    """
+    size = _stored_size(data)
+    if size is None:
+        raise FileFormatError(where, "a picture that is neither PNG nor JPEG", "convert it to PNG")
+    _check_pixels(where, size[0] * size[1])
+    try:
+        pixels = _opencv().imdecode(np.frombuffer(data, np.uint8), _opencv().IMREAD_UNCHANGED)
+    except MissingDependencyError:
+        raise
+    except Exception as error:
+        raise FileFormatError(where, f"unreadable data ({error})", "replace the picture") from error
+    if pixels is None:
+        raise FileFormatError(where, "a damaged picture", "replace the picture")
+    return _scaled(_rgb(pixels))
+
+
+def _stored_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in the header of a PNG or JPEG file; None if it is neither."""
+    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
+        width, height = struct.unpack(">II", data[16:24])
+        return width, height
+    at = 2
+    while data[:2] == b"\xff\xd8" and at + 9 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return width, height
+        at += 1 if marker == 0xFF else 2 + length
+    return None
+
+
+def _scaled(pixels: NDArray) -> NDArray[np.float32]:
+    full_scale = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}.get(pixels.dtype, 1.0)
+    return np.ascontiguousarray(pixels.astype(np.float32) / np.float32(full_scale))
+
+
+def _rgb(pixels: NDArray) -> NDArray:
+    """RGB or grey from OpenCV's BGR(A)."""
+    if pixels.ndim == 3:
+        pixels = pixels[..., 2::-1] if pixels.shape[2] >= 3 else pixels[..., 0]
+    return np.ascontiguousarray(pixels)
+
+
+def read_counts(path: str | Path) -> NDArray:
+    """A picture file as it is stored: uint8, uint16 or float32, `H x W x 3` RGB or `H x W`.
+
+    For those who must know how many bits a pixel had; alpha is dropped.
+    """
     path = check_readable(path, "picture")
     if path.suffix.lower() == ".npy":
         return _read_npy(path)
-    cv2 = _opencv()
     try:
         if path.suffix.lower() == ".exr":
-            pixels = _read_exr(path)
-        else:
-            pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except ResourceLimitError:
+            return _read_exr(path)
+        pixels = _opencv().imread(str(path), _opencv().IMREAD_UNCHANGED)
+    except (MissingDependencyError, ResourceLimitError):
         raise
     except Exception as error:
         raise FileFormatError(str(path), f"unreadable data ({error})", "pass a picture") from error
     if pixels is None:
         raise FileFormatError(str(path), "no picture that can be decoded", "pass a picture file")
-    full_scale = {np.dtype(np.uint8): 255.0, np.dtype(np.uint16): 65535.0}.get(pixels.dtype, 1.0)
-    pixels = pixels.astype(np.float32) / np.float32(full_scale)
-    if pixels.ndim == 3 and path.suffix.lower() != ".exr":
-        pixels = pixels[..., 2::-1] if pixels.shape[2] >= 3 else pixels[..., 0]
-    return np.ascontiguousarray(pixels)
+    return _rgb(pixels)
+
+
+def write_counts(path: str | Path, counts: NDArray[np.unsignedinteger]) -> Path:
+    """Write `H x W (x 3)` uint8 or uint16 RGB as it is to a `.png`, atomically."""
+    path = Path(path)
+    with atomic_path(path) as temporary:
+        if not _opencv().imwrite(str(temporary), counts[..., ::-1] if counts.ndim == 3 else counts):
+            raise FileFormatError(str(path), "a picture OpenCV cannot write", "use .png")
+    return path
 
 
 def _read_npy(path: Path) -> NDArray[np.float32]:
@@ -138,7 +206,7 @@ def _read_npy(path: Path) -> NDArray[np.float32]:
     return array.astype(np.float32)
 
 
-def _check_pixels(path: Path, pixels: int) -> None:
+def _check_pixels(path: str | Path, pixels: int) -> None:
     if pixels > MAX_PIXELS:
         raise ResourceLimitError(
             str(path), f"{pixels} pixels", f"pass a picture of at most {MAX_PIXELS}"
