@@ -1,1 +1,37 @@
-"""TODO."""
+"""WITHOUT TORCH: run exported models on photographs through onnxruntime and NumPy."""
+
+from torchradiometry.deploy.normals import (
+    angular_error,
+    estimate_normals,
+    find_model,
+    normals_file,
+    write_normals,
+)
+from torchradiometry.deploy.photographs import (
+    Photograph,
+    Photographs,
+    find_photograph_sets,
+    read_photograph,
+    read_photographs,
+)
+from torchradiometry.deploy.runtime import Model, ModelInput, open_model, run_model
+from torchradiometry.deploy.woodham import least_squares_normals, solve_least_squares
+
+__all__ = [
+    "Model",
+    "ModelInput",
+    "Photograph",
+    "Photographs",
+    "angular_error",
+    "estimate_normals",
+    "find_model",
+    "find_photograph_sets",
+    "least_squares_normals",
+    "normals_file",
+    "open_model",
+    "read_photograph",
+    "read_photographs",
+    "run_model",
+    "solve_least_squares",
+    "write_normals",
+]

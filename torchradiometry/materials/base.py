@@ -11,13 +11,14 @@ References: F. E. Nicodemus et al., NBS Monograph 160 (1977), eq. 3-5.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError
+from torchradiometry.errors import DTypeError, InvalidValueError, OutOfRangeError, ShapeError
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -37,8 +38,27 @@ class AbstractMaterial(nn.Module):
     ) -> Float[Tensor, "*batch channel"]:
         """BRDF in 1/sr, without the cosine; 0 where wi or wo is below the surface."""
 
-    def _hold(self, name: str, value: object, learnable: bool) -> None:
-        """Keep `value` as a parameter or buffer of shape `*batch channel`."""
+    def diffuse_albedo(self) -> Float[Tensor, "*batch channel"] | None:
+        """Share reflected alike in all directions, which also answers light without direction.
+
+        None where the material has no such part (a lobe alone).
+        """
+        return None
+
+    def _hold(
+        self,
+        name: str,
+        value: object,
+        learnable: bool,
+        *,
+        last: int | None = None,
+        lowest: float = -math.inf,
+        highest: float = math.inf,
+    ) -> None:
+        """Keep `value` as a parameter or buffer of shape `*batch channel`, checked.
+
+        `last` is the size its last axis must have; `lowest` and `highest` its physical range.
+        """
         tensor = torch.as_tensor(value)
         if tensor.is_complex():
             raise DTypeError(name, f"{tensor.dtype}", "pass real numbers")
@@ -46,7 +66,24 @@ class AbstractMaterial(nn.Module):
             tensor = tensor.to(torch.get_default_dtype())
         if tensor.ndim == 0:
             tensor = tensor.reshape(1)
+        if last is not None and tensor.shape[-1] != last:
+            raise ShapeError(
+                name, f"shape {tuple(tensor.shape)}", f"its last axis holds {last} number(s)"
+            )
+        _check_range(name, tensor.detach(), lowest, highest)
         if learnable:
             self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
         else:
             self.register_buffer(name, tensor)
+
+
+def _check_range(name: str, value: Tensor, lowest: float, highest: float) -> None:
+    """Named errors for NaN, infinity and numbers outside the physical range."""
+    if not torch.isfinite(value).all():
+        raise InvalidValueError(name, "NaN or infinity", "pass finite numbers")
+    if (value < lowest).any() or (value > highest).any():
+        got = f"values from {value.min().item():g} to {value.max().item():g}"
+        mend = f"keep them in {lowest:g}..{highest:g}"
+        if highest == math.inf:
+            mend = f"pass numbers of at least {lowest:g}"
+        raise OutOfRangeError(name, got, mend)

@@ -66,7 +66,7 @@ class Lambertian(AbstractMaterial):
 
     def __init__(self, albedo: object, *, learnable: bool = False) -> None:
         super().__init__()
-        self._hold("albedo", albedo, learnable)
+        self._hold("albedo", albedo, learnable, lowest=0, highest=1)
 
     def forward(
         self,
@@ -75,6 +75,9 @@ class Lambertian(AbstractMaterial):
         normal: Float[Tensor, "*batch 3"],
     ) -> Float[Tensor, "*batch channel"]:
         return lambertian_brdf(self.albedo, incident_direction, outgoing_direction, normal)
+
+    def diffuse_albedo(self) -> Float[Tensor, "*batch channel"]:
+        return self.albedo
 
     def extra_repr(self) -> str:
         return "albedo [1]"

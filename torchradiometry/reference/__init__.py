@@ -1,1 +1,5 @@
-"""TODO."""
+"""INDEPENDENT TRUTH: closed forms, and pictures of an independent rasteriser."""
+
+from torchradiometry.reference import closed_forms
+
+__all__ = ["closed_forms"]

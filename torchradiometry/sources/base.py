@@ -23,13 +23,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, ShapeError
+from torchradiometry.errors import DTypeError, InvalidValueError, ShapeError
 from torchradiometry.numerics import clamped_cosine
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["AbstractSource", "Arrival", "arrive", "irradiance", "light_first"]
+__all__ = [
+    "AbstractSource",
+    "Arrival",
+    "arrive",
+    "arriving_irradiance",
+    "irradiance",
+    "light_first",
+]
 
 
 class Arrival(NamedTuple):
@@ -57,10 +64,12 @@ class AbstractSource(nn.Module):
         has_direction: False for light from everywhere (domes), which has no highlight; only
             the diffuse part of a material answers to it.
         needs_position: True if `forward` needs points (near sources); distant ones take None.
+        samples: rows of the `Arrival` for each light (extended sources may be sampled).
     """
 
     has_direction: bool = True
     needs_position: bool = True
+    samples: int = 1
 
     @abstractmethod
     def forward(
@@ -69,6 +78,24 @@ class AbstractSource(nn.Module):
         normal: Float[Tensor, "*batch point 3"],
     ) -> Arrival:
         """The light arriving at `position` (m) on surfaces of unit `normal`."""
+
+    @property
+    def lights(self) -> int:
+        """Rows of the `Arrival`: the light axis of the first tensor held, times `samples`."""
+        first: Tensor = next(iter((self._parameters or self._buffers).values()))
+        return first.shape[-2] * self.samples
+
+    def irradiance_on(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+        visibility: Float[Tensor, "light *batch point"] | None = None,
+    ) -> Float[Tensor, "*batch point channel"]:
+        """E on the surface itself, W/m2: all lights of this source summed.
+
+        A source overrides it where the sum has a leaner form than an `Arrival` per light.
+        """
+        return irradiance(self(position, normal), normal, visibility)
 
     def _hold(self, name: str, value: object, learnable: bool, last: int | None = None) -> None:
         """Keep `value` as a parameter or buffer of shape `*batch light k`.
@@ -90,10 +117,20 @@ class AbstractSource(nn.Module):
                 f"a tensor of shape {tuple(tensor.shape)}",
                 f"its last axis holds {last} numbers; pass `light {last}` or `batch light {last}`",
             )
+        if not torch.isfinite(tensor).all():
+            raise InvalidValueError(name, "NaN or infinity", "pass finite numbers")
         if learnable:
             self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
         else:
             self.register_buffer(name, tensor)
+
+    def _near(self, position: Tensor | None) -> Tensor:
+        """`position`, or the named error where a near source was given none."""
+        if position is None:
+            raise ShapeError(
+                "position", "None", f"pass `*batch point 3` in m; {type(self).__name__} is near"
+            )
+        return position
 
 
 def light_first(parameter: Float[Tensor, "*batch light k"], like: Tensor) -> Tensor:
@@ -148,3 +185,41 @@ def irradiance(
     if visibility is not None:
         cosine = cosine * visibility
     return (cosine.unsqueeze(-1) * arrival.irradiance).sum(0)
+
+
+def arriving_irradiance(
+    sources: Sequence[AbstractSource],
+    position: Float[Tensor, "*batch point 3"] | None,
+    normal: Float[Tensor, "*batch point 3"],
+    visibility: Float[Tensor, "light *batch point"] | None = None,
+) -> Float[Tensor, "*batch point channel"]:
+    """E on the surface from a mixed list of sources, source by source, in W/m2.
+
+    The same number as `irradiance(arrive(...), ...)`, but no light is kept beside the others,
+    so memory does not grow with the number of sources.
+
+    Args:
+        sources: at least one.
+        position: m; None where every source is distant.
+        normal: unit.
+        visibility: 0..1, the lights of all sources in their order.
+
+    Differentiable in: position, normal, visibility and every parameter of the sources.
+    Export: compile yes, ONNX yes.
+    """
+    if not sources:
+        raise ShapeError("sources", "an empty list", "pass at least one source")
+    shares: Sequence[Tensor | None] = [None] * len(sources)
+    if visibility is not None:
+        lights = [source.lights for source in sources]
+        if sum(lights) != visibility.shape[0]:
+            raise ShapeError(
+                "visibility",
+                f"{visibility.shape[0]} lights",
+                f"the sources hold {sum(lights)} lights; pass one visibility for each",
+            )
+        shares = visibility.split(lights) if len(lights) > 1 else [visibility]
+    total = sources[0].irradiance_on(position, normal, shares[0])
+    for source, share in zip(sources[1:], shares[1:], strict=True):
+        total = total + source.irradiance_on(position, normal, share)
+    return total

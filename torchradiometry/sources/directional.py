@@ -20,7 +20,7 @@ from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["DirectionalSource", "directional_arrival"]
+__all__ = ["DirectionalSource", "directional_arrival", "directional_irradiance"]
 
 
 def directional_arrival(
@@ -45,6 +45,39 @@ def directional_arrival(
     facing = light_first(irradiance, normal)
     facing = facing.expand(-1, *normal.shape[:-1], irradiance.shape[-1])
     return Arrival(towards, facing, torch.full_like(towards[..., 0], torch.inf))
+
+
+def directional_irradiance(
+    direction: Float[Tensor, "*batch light 3"],
+    irradiance: Float[Tensor, "*batch light channel"],
+    normal: Float[Tensor, "*batch point 3"],
+    visibility: Float[Tensor, "light *batch point"] | None = None,
+) -> Float[Tensor, "*batch point channel"]:
+    """E = sum over lights of E0 max(0, n . d) V, as two matrix products.
+
+    The products are written transposed (`light 3 @ 3 point`, `channel light @ light point`),
+    so an image that was permuted to points is neither copied nor strided on the way.
+
+    Args:
+        direction: to the source; need not be unit.
+        irradiance: W/m2 on a plane that faces the source, >= 0.
+        normal: unit.
+        visibility: 0..1.
+
+    Returns:
+        W/m2.
+
+    Differentiable in: all arguments; at the horizon the gradient is 0.
+    Export: compile yes, ONNX yes.
+
+    >>> up, sun = torch.tensor([[0.0, 0.0, 1.0]]), torch.tensor([[0.6, 0.0, 0.8]])
+    >>> directional_irradiance(sun, torch.tensor([[10.0]]), up)
+    tensor([[8.]])
+    """
+    cosine = (safe_normalize(direction) @ normal.mT).clamp(min=0)
+    if visibility is not None:
+        cosine = cosine * visibility.movedim(0, -2)
+    return (irradiance.mT @ cosine).mT
 
 
 @final
@@ -76,6 +109,14 @@ class DirectionalSource(AbstractSource):
         normal: Float[Tensor, "*batch point 3"],
     ) -> Arrival:
         return directional_arrival(self.direction, self.irradiance, normal)
+
+    def irradiance_on(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+        visibility: Float[Tensor, "light *batch point"] | None = None,
+    ) -> Float[Tensor, "*batch point channel"]:
+        return directional_irradiance(self.direction, self.irradiance, normal, visibility)
 
     def extra_repr(self) -> str:
         return f"lights={self.direction.shape[-2]}, direction [1], irradiance [W/m2]"

@@ -1,0 +1,162 @@
+"""Running an exported model through onnxruntime, without torch.
+
+    outputs = session(inputs)
+
+`open_model` checks the file before onnxruntime sees it (exists, bounded size, no weights
+outside the file), bounds the threads and turns every failure into a named error. Only this
+file imports onnxruntime.
+
+References: ONNX, *Open Neural Network Exchange Intermediate Representation*, metadata_props.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torchradiometry.errors import (
+    DTypeError,
+    FileFormatError,
+    MissingDependencyError,
+    ShapeError,
+)
+from torchradiometry.files import check_readable
+
+__all__ = ["Model", "ModelInput", "open_model", "run_model"]
+
+#: onnxruntime's names of the element types our graphs use
+ELEMENT_TYPES = {
+    "tensor(float)": np.dtype(np.float32),
+    "tensor(double)": np.dtype(np.float64),
+    "tensor(int64)": np.dtype(np.int64),
+    "tensor(int32)": np.dtype(np.int32),
+    "tensor(bool)": np.dtype(np.bool_),
+    "tensor(uint8)": np.dtype(np.uint8),
+}
+
+
+class ModelInput(NamedTuple):
+    """One input of a model: its name, its axes (a number or a name each) and element type."""
+
+    name: str
+    axes: tuple[int | str | None, ...]
+    dtype: np.dtype[Any]
+
+
+class Model(NamedTuple):
+    """An opened model: the onnxruntime session, what goes in and out, and its metadata."""
+
+    session: Any
+    inputs: tuple[ModelInput, ...]
+    outputs: tuple[str, ...]
+    metadata: dict[str, str]
+
+
+def open_model(path: str | Path, *, threads: int | None = None) -> Model:
+    """Open an ONNX file for `run_model`.
+
+    Args:
+        path: an `.onnx` file of bounded size (`files.MAX_BYTES`) that holds its own weights.
+        threads: threads of one run; by default the processors this process may use, at most 8.
+
+    Returns:
+        The model with its inputs, outputs and metadata.
+
+    Raises:
+        InputFileError: no such file.
+        ResourceLimitError: a file larger than `files.MAX_BYTES`.
+        FileFormatError: not a complete ONNX model, or one that needs what onnxruntime lacks.
+        MissingDependencyError: onnxruntime is not installed.
+    """
+    path = check_readable(path, "ONNX model")
+    runtime = _onnxruntime()
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = threads or _threads()
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # fatal only: a failure is raised below, not printed
+    data = path.read_bytes()  # bytes, not the path: files beside the model are out of its reach
+    try:
+        session = runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        raise FileFormatError(
+            str(path), f"no model onnxruntime can run ({_first_line(error)})", "pass an ONNX model"
+        ) from error
+    return Model(
+        session,
+        tuple(_described(node, path) for node in session.get_inputs()),
+        tuple(node.name for node in session.get_outputs()),
+        dict(session.get_modelmeta().custom_metadata_map),
+    )
+
+
+def run_model(
+    model: Model, inputs: Mapping[str, NDArray[Any]], outputs: tuple[str, ...] | None = None
+) -> tuple[NDArray[Any], ...]:
+    """The outputs of a model for named input arrays, in the order of `Model.outputs`.
+
+    Args:
+        model: from `open_model`.
+        inputs: one array for each input, with the dtype and rank it declares.
+        outputs: the names wanted; all by default.
+
+    Raises:
+        ShapeError: an input is missing, unknown, or of another rank or size.
+        DTypeError: an input of another element type.
+    """
+    declared = {item.name: item for item in model.inputs}
+    if set(inputs) != set(declared):
+        raise ShapeError("inputs", f"{sorted(inputs)}", f"pass exactly {sorted(declared)}")
+    arrays = {name: np.asarray(array) for name, array in inputs.items()}
+    for name, array in arrays.items():
+        _check(declared[name], array)
+    try:
+        return tuple(model.session.run(list(outputs or model.outputs), arrays))
+    except Exception as error:
+        shapes = {name: array.shape for name, array in arrays.items()}
+        raise ShapeError(
+            "inputs", f"{shapes} ({_first_line(error)})", "pass sizes that agree with each other"
+        ) from error
+
+
+def _check(item: ModelInput, array: NDArray[Any]) -> None:
+    if array.dtype != item.dtype:
+        raise DTypeError(item.name, f"{array.dtype}", f"pass {item.dtype}")
+    wrong = array.ndim != len(item.axes) or any(
+        isinstance(axis, int) and axis != size
+        for axis, size in zip(item.axes, array.shape, strict=True)
+    )
+    if wrong:
+        axes = " x ".join(str(axis) for axis in item.axes)
+        raise ShapeError(item.name, f"an array of shape {array.shape}", f"pass {axes}")
+
+
+def _described(node: Any, path: Path) -> ModelInput:
+    if node.type not in ELEMENT_TYPES:
+        raise FileFormatError(
+            str(path), f"input {node.name} of type {node.type}", "use float or integer tensors"
+        )
+    return ModelInput(node.name, tuple(node.shape), ELEMENT_TYPES[node.type])
+
+
+def _threads() -> int:
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return max(1, min(8, usable or 1))
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
+
+
+def _onnxruntime() -> Any:
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise MissingDependencyError(
+            "onnxruntime", "no installation", "run: pip install 'torchradiometry[onnx]'"
+        ) from error
+    return onnxruntime

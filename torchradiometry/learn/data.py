@@ -1,0 +1,160 @@
+"""Training samples by number: sample k of a seed is the same in every run and every worker.
+
+`PhotometricSamples` keeps a bank of surfaces with their shadows and bounces and gives each
+training batch new materials, lights, turns and noise. `ShadingSamples` makes whole small
+images of new shapes every time. Both are `torch.utils.data.Dataset`s whose items are ready
+batches (use `DataLoader(samples, batch_size=None, num_workers=...)`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch.utils.data import Dataset
+
+from torchradiometry.errors import IndexRangeError, OutOfRangeError
+from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces
+from torchradiometry.learn.images import Observations, observe
+from torchradiometry.learn.single_images import SingleImages, photograph_shapes
+
+__all__ = [
+    "Advance",
+    "PhotometricSamples",
+    "ShadingSamples",
+    "SurfaceOptions",
+    "generator_for",
+    "make_bank",
+]
+
+#: called as advance(done, note): how much of a long step is done
+Advance = Callable[[int, str], None]
+
+
+@dataclass(frozen=True)
+class SurfaceOptions:
+    """How large a bank of surfaces is and what light reaches it.
+
+    Attributes:
+        shapes: number of shapes.
+        pixels: pixels kept of each.
+        lights: lights of each.
+        size: pixels along an edge of a shape.
+        shadows: cast shadows.
+        indirect: light from neighbouring surfaces.
+    """
+
+    shapes: int = 300
+    pixels: int = 400
+    lights: int = 100
+    size: int = 64
+    shadows: bool = True
+    indirect: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("shapes", "pixels", "lights"):
+            if getattr(self, name) < 1:
+                raise OutOfRangeError(name, str(getattr(self, name)), "use at least 1")
+
+
+def generator_for(*numbers: int) -> torch.Generator:
+    """A generator that depends on all the numbers (a seed, a step) and on nothing else."""
+    state = 0x9E3779B97F4A7C15
+    for number in numbers:
+        state = ((state ^ (number & 0xFFFFFFFFFFFFFFFF)) * 0xBF58476D1CE4E5B9) % 2**64
+        state ^= state >> 31
+    return torch.Generator().manual_seed(state % 2**63)
+
+
+def make_bank(options: SurfaceOptions, seed: int, advance: Advance | None = None) -> SurfaceBank:
+    """The surfaces of a seed; shape k does not depend on how many there are."""
+    parts = []
+    for k in range(options.shapes):
+        made = make_surfaces(
+            1, options.pixels, options.lights, options.size, generator_for(seed, 1, k)
+        )
+        parts.append(made)
+        if advance is not None:
+            advance(k + 1, "surfaces")
+    return SurfaceBank(*(torch.cat(each) for each in zip(*parts, strict=True)))
+
+
+class PhotometricSamples(Dataset[Observations]):
+    """Batches for `PhotometricNetwork`; item k is the k-th training step.
+
+    Args:
+        bank: from `make_bank`.
+        options: the options it was made with.
+        batches: how many items there are.
+        seed: of materials, lights and noise.
+        shapes: shapes in a batch.
+        pixels: pixels of each.
+        fewest: the smallest number of lights; each batch draws one between this and all.
+    """
+
+    def __init__(
+        self,
+        bank: SurfaceBank,
+        options: SurfaceOptions,
+        batches: int,
+        seed: int,
+        shapes: int = 16,
+        pixels: int = 32,
+        fewest: int = 8,
+    ) -> None:
+        self.bank, self.options, self.batches, self.seed = bank, options, batches, seed
+        self.shapes, self.pixels, self.fewest = shapes, pixels, fewest
+
+    def __len__(self) -> int:
+        return self.batches
+
+    def __getitem__(self, index: int) -> Observations:
+        _check_index(index, self.batches)
+        generator = generator_for(self.seed, 2, index)
+        which = torch.randint(len(self.bank.normal), (self.shapes, 1), generator=generator)
+        available = self.bank.normal.shape[1]
+        pixel = torch.randint(available, (self.shapes, self.pixels), generator=generator)
+        part = SurfaceBank(
+            *(field[which, pixel] for field in self.bank[:4]), self.bank.direction[which[:, 0]]
+        )
+        lights = self._lights(generator)
+        return observe(part, lights, generator, self.options.shadows, self.options.indirect)
+
+    def _lights(self, generator: torch.Generator) -> int:
+        """Evenly spread on a logarithmic scale."""
+        most = self.bank.direction.shape[1]
+        fewest = min(self.fewest, most)
+        share = float(torch.rand((), generator=generator))
+        return min(most, int(fewest * ((most + 1) / fewest) ** share))
+
+
+class ShadingSamples(Dataset[SingleImages]):
+    """Batches for `ShadingNetwork`: new shapes, materials and lights in each.
+
+    Args:
+        batches: how many items there are.
+        seed: of everything.
+        images: images in a batch.
+        size: pixels along an edge.
+        shadows: cast shadows.
+    """
+
+    def __init__(
+        self, batches: int, seed: int, images: int = 16, size: int = 64, shadows: bool = True
+    ) -> None:
+        self.batches, self.seed, self.images = batches, seed, images
+        self.size, self.shadows = size, shadows
+
+    def __len__(self) -> int:
+        return self.batches
+
+    def __getitem__(self, index: int) -> SingleImages:
+        _check_index(index, self.batches)
+        generator = generator_for(self.seed, 3, index)
+        return photograph_shapes(self.images, self.size, generator, self.shadows)
+
+
+def _check_index(index: int, batches: int) -> None:
+    if not 0 <= index < batches:
+        raise IndexRangeError("index", str(index), f"use 0..{batches - 1}")

@@ -1,0 +1,130 @@
+"""What of a training pixel does not depend on its material: normal, shadows, indirect light.
+
+Shadows and bounces are costly and materials are cheap, so surfaces are made once and get a
+new material, new lights out of their set and new noise at every training step.
+
+Each pixel of a bank holds, for each of the lights of its shape,
+
+    normal n,  visibility V_l,  indirect E_l = (1/pi) sum over rays d of  E'_l(d) max(0, n.d) dw
+
+where E'_l(d) = max(0, n'.l) V'_l is the irradiance (per unit of the light's) at the surface
+that ray d meets first: one bounce off a neighbour of albedo 1. A second and further bounces
+are a geometric series in the neighbours' albedo (see `images`).
+
+References: D. Forsyth and A. Zisserman, "Reflections on shading", TPAMI 13 (1991): what
+interreflection does to photometric measurements.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchradiometry.learn.shapes import random_shapes
+from torchradiometry.numerics import clamped_cosine, safe_normalize
+from torchradiometry.transport.height_field import height_field_hits, height_field_visibility
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = ["SurfaceBank", "make_surfaces", "random_lights"]
+
+#: directions over the whole sphere; about half of them leave the surface upwards
+RAYS = 64
+
+
+class SurfaceBank(NamedTuple):
+    """Pixels of random surfaces under the lights of their shape.
+
+    Attributes:
+        normal: unit.
+        visibility: 1 where the light is seen, else 0.
+        indirect: one bounce off neighbours of albedo 1, per unit irradiance of the light.
+        openness: share of a uniform sky that the pixel receives, 0..1.
+        direction: unit, to the lights.
+    """
+
+    normal: Float[Tensor, "shape pixel 3"]
+    visibility: Float[Tensor, "shape pixel light"]
+    indirect: Float[Tensor, "shape pixel light"]
+    openness: Float[Tensor, "shape pixel"]
+    direction: Float[Tensor, "shape light 3"]
+
+
+def random_lights(count: int, generator: torch.Generator) -> Float[Tensor, "light 3"]:
+    """Distant lights in front of the object: spread over an ellipse of random size and tilt.
+
+    The widest spread is 25 to 65 degrees from the viewing direction, as in rigs of lamps
+    around a camera.
+    """
+    widest = math.sin(math.radians(25 + 40 * float(torch.rand((), generator=generator))))
+    narrow = 0.55 + 0.45 * float(torch.rand((), generator=generator))
+    turn = 2 * math.pi * float(torch.rand((), generator=generator))
+    radius = torch.sqrt(torch.rand(count, generator=generator)) * widest
+    angle = 2 * math.pi * torch.rand(count, generator=generator)
+    along, across = radius * torch.cos(angle), narrow * radius * torch.sin(angle)
+    x = math.cos(turn) * along - math.sin(turn) * across
+    y = math.sin(turn) * along + math.cos(turn) * across
+    return torch.stack([x, y, torch.sqrt(1 - x * x - y * y)], -1)
+
+
+def make_surfaces(
+    shapes: int, pixels: int, lights: int, size: int, generator: torch.Generator
+) -> SurfaceBank:
+    """Random shapes under random lights, `pixels` of each kept.
+
+    Args:
+        shapes: how many shapes.
+        pixels: how many pixels of each, drawn with replacement from its mask.
+        lights: how many lights each shape has.
+        size: pixels along an edge of the height field.
+        generator: the source of chance.
+
+    Returns:
+        The bank, on the CPU.
+    """
+    made = [_one_surface(pixels, lights, size, generator) for _ in range(shapes)]
+    return SurfaceBank(*(torch.stack(parts) for parts in zip(*made, strict=True)))
+
+
+def _one_surface(
+    pixels: int, lights: int, size: int, generator: torch.Generator
+) -> tuple[Tensor, ...]:
+    shape = random_shapes(1, size, generator)
+    direction = random_lights(lights, generator)
+    visibility = height_field_visibility(shape.height, direction).reshape(lights, -1)
+    normal = shape.normal[0].flatten(1).T
+    inside = shape.mask.flatten().nonzero().squeeze(1)
+    kept = inside[torch.randint(len(inside), (pixels,), generator=generator)]
+    received = clamped_cosine(normal, direction.unsqueeze(1)) * visibility
+    received = received * shape.mask.flatten()
+    indirect, openness = _one_bounce(shape.height, normal, received, kept, generator)
+    return normal[kept], visibility[:, kept].T, indirect, openness, direction
+
+
+def _one_bounce(
+    height: Tensor, normal: Tensor, received: Tensor, kept: Tensor, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Indirect irradiance `pixel light` of the kept pixels, and their openness."""
+    rays = _sphere_directions(RAYS, generator)
+    rays = rays[rays[:, 2] > -0.8]
+    steps = int(height.shape[-1] * 0.6)
+    met = height_field_hits(height, rays, steps=steps).reshape(len(rays), -1)[:, kept]
+    weight = clamped_cosine(normal[kept], rays.unsqueeze(1)) * (4 * math.pi / RAYS) / math.pi
+    blocked = met >= 0
+    emitted = received[:, met.clamp(min=0)]
+    indirect = torch.einsum("lrp,rp->pl", emitted, weight * blocked)
+    openness = (weight * ~blocked * (rays[:, 2] > 0).unsqueeze(1)).sum(0)
+    return indirect, openness.clamp(max=1)
+
+
+def _sphere_directions(count: int, generator: torch.Generator) -> Float[Tensor, "ray 3"]:
+    """Evenly spread directions (Fibonacci's lattice), turned at random about z."""
+    k = torch.arange(count) + 0.5
+    z = 1 - 2 * k / count
+    angle = k * math.pi * (3 - math.sqrt(5)) + 2 * math.pi * torch.rand((), generator=generator)
+    level = torch.sqrt(1 - z * z)
+    return safe_normalize(torch.stack([level * torch.cos(angle), level * torch.sin(angle), z], -1))

@@ -1,0 +1,263 @@
+"""Phong's highlight, in the three forms that are all called "Phong".
+
+    alpha = angle between the outgoing direction and the mirror direction 2 (n.wi) n - wi
+
+| class | f_r above the horizon | L_o for irradiance E on a facing plane |
+|---|---|---|
+| `OriginalPhong` | k_s cos^n(alpha) / cos(theta_i) | k_s cos^n(alpha) E |
+| `Phong` | k_s cos^n(alpha) | k_s cos^n(alpha) E cos(theta_i) |
+| `NormalizedPhong` | k_s (n+2)/(2 pi) cos^n(alpha) | the same, times (n+2)/(2 pi) |
+
+Phong (1975) adds the highlight W(i) cos^n(s) to the shaded colour *without* the cosine of
+incidence. A shader multiplies every BRDF by that cosine, so `OriginalPhong` divides by it: it
+gives the pictures of the paper, but is not reciprocal and reflects more than it receives at
+grazing incidence. `Phong` is the plain lobe as a BRDF, reciprocal, whose reflectance shrinks
+as 2 pi k_s / (n+2). `NormalizedPhong` reflects exactly the share k_s at normal incidence and
+less elsewhere, whatever n is.
+
+With n -> infinity the lobe closes about the mirror direction and the reflectance
+(directional-hemispherical) of `NormalizedPhong` tends to k_s cos(theta_i): k_s at normal
+incidence, for the cosine that a mirror's BRDF divides by is not in the formula.
+
+References: B. T. Phong, "Illumination for Computer Generated Pictures", CACM 18 (1975), p.
+315; E. P. Lafortune and Y. D. Willems, "Using the Modified Phong Reflectance Model for
+Physically Based Rendering", K.U. Leuven report CW 197 (1994), eq. 4 and section 3;
+R. R. Lewis, "Making Shaders More Physically Plausible", CGF 13 (1994).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, final
+
+import torch
+from torch import Tensor
+
+from torchradiometry.materials.base import AbstractMaterial
+from torchradiometry.materials.lobes import above_horizon, mirror_lobe
+from torchradiometry.numerics import dot, tiny
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = [
+    "NormalizedPhong",
+    "OriginalPhong",
+    "Phong",
+    "normalized_phong_brdf",
+    "original_phong_brdf",
+    "phong_brdf",
+]
+
+
+def phong_brdf(
+    specular: Float[Tensor, "*batch channel"],
+    shininess: Float[Tensor, "*batch 1"],
+    incident_direction: Float[Tensor, "*batch 3"],
+    outgoing_direction: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+) -> Float[Tensor, "*batch channel"]:
+    """BRDF k_s cos^n(alpha) above the surface, 0 below it.
+
+    Args:
+        specular: k_s in 1/sr, the height of the lobe, >= 0.
+        shininess: n, >= 0; 0 makes the lobe constant (diffuse).
+        incident_direction: unit, to the source.
+        outgoing_direction: unit, to the eye.
+        normal: unit.
+
+    Returns:
+        f_r in 1/sr.
+
+    Differentiable in: all arguments; 0 at the two horizons, where the value jumps.
+    Export: compile yes, ONNX yes.
+    References: see the module.
+
+    >>> up = torch.tensor([0.0, 0.0, 1.0])
+    >>> phong_brdf(torch.tensor([0.5]), torch.tensor([20.0]), up, up, up)
+    tensor([0.5000])
+    """
+    lobe = mirror_lobe(incident_direction, outgoing_direction, normal, shininess)
+    above = above_horizon(incident_direction, outgoing_direction, normal)
+    dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
+    return torch.where(above, specular * lobe, 0).to(dtype)
+
+
+def normalized_phong_brdf(
+    specular: Float[Tensor, "*batch channel"],
+    shininess: Float[Tensor, "*batch 1"],
+    incident_direction: Float[Tensor, "*batch 3"],
+    outgoing_direction: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+) -> Float[Tensor, "*batch channel"]:
+    """BRDF k_s (n+2)/(2 pi) cos^n(alpha): the share k_s is reflected at normal incidence.
+
+    Args:
+        specular: k_s, reflectance at normal incidence, 0..1.
+        shininess: n, >= 0.
+        incident_direction: unit, to the source.
+        outgoing_direction: unit, to the eye.
+        normal: unit.
+
+    Returns:
+        f_r in 1/sr.
+
+    Differentiable in: all arguments; 0 at the two horizons, where the value jumps.
+    Export: compile yes, ONNX yes.
+    References: Lafortune and Willems (1994).
+
+    >>> up = torch.tensor([0.0, 0.0, 1.0])
+    >>> normalized_phong_brdf(torch.tensor([math.pi / 2]), torch.tensor([18.0]), up, up, up)
+    tensor([5.])
+    """
+    lobe = mirror_lobe(incident_direction, outgoing_direction, normal, shininess)
+    above = above_horizon(incident_direction, outgoing_direction, normal)
+    dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
+    height = (shininess.to(lobe.dtype) + 2) / (2 * math.pi)
+    return torch.where(above, specular * height * lobe, 0).to(dtype)
+
+
+def original_phong_brdf(
+    specular: Float[Tensor, "*batch channel"],
+    shininess: Float[Tensor, "*batch 1"],
+    incident_direction: Float[Tensor, "*batch 3"],
+    outgoing_direction: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+) -> Float[Tensor, "*batch channel"]:
+    """BRDF k_s cos^n(alpha) / cos(theta_i), so that the highlight is as Phong wrote it.
+
+    Not reciprocal, and unbounded at grazing incidence; the product with the shader's cosine
+    is bounded. Cosines up to sqrt(tiny) of the dtype (1e-19 in float32), below which the
+    derivative 1/cos^2 is no number, count as below the horizon.
+
+    Args:
+        specular: k_s, the brightness of the highlight per irradiance on a facing plane, 1/sr.
+        shininess: n, >= 0.
+        incident_direction: unit, to the source.
+        outgoing_direction: unit, to the eye.
+        normal: unit.
+
+    Returns:
+        f_r in 1/sr.
+
+    Differentiable in: all arguments; 0 at the two horizons, where the value jumps.
+    Export: compile yes, ONNX yes.
+    References: Phong (1975).
+
+    >>> up, tilted = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([0.6, 0.0, 0.8])
+    >>> mirrored = torch.tensor([-0.6, 0.0, 0.8])
+    >>> original_phong_brdf(torch.tensor([0.4]), torch.tensor([9.0]), tilted, mirrored, up)
+    tensor([0.5000])
+    """
+    plain = phong_brdf(specular, shininess, incident_direction, outgoing_direction, normal)
+    cosine = dot(incident_direction, normal).unsqueeze(-1)
+    usable = cosine > math.sqrt(tiny(plain.dtype))
+    return torch.where(usable, plain / torch.where(usable, cosine, 1), 0)
+
+
+@final
+class Phong(AbstractMaterial):
+    """The plain lobe f_r = k_s cos^n(alpha); it reflects 2 pi k_s / (n+2) at normal incidence.
+
+    Args:
+        specular: k_s, `*batch channel`, 1/sr, >= 0.
+        shininess: n, `*batch 1`, >= 0.
+        learnable: keep both as `nn.Parameter`s.
+    """
+
+    specular: Tensor
+    shininess: Tensor
+
+    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
+        super().__init__()
+        self._hold("specular", specular, learnable, lowest=0)
+        self._hold("shininess", shininess, learnable, lowest=0, last=1)
+
+    def forward(
+        self,
+        incident_direction: Float[Tensor, "*batch 3"],
+        outgoing_direction: Float[Tensor, "*batch 3"],
+        normal: Float[Tensor, "*batch 3"],
+    ) -> Float[Tensor, "*batch channel"]:
+        return phong_brdf(
+            self.specular, self.shininess, incident_direction, outgoing_direction, normal
+        )
+
+    def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
+        """Reflectance (DHR) at normal incidence, the largest over all angles."""
+        return 2 * math.pi * self.specular / (self.shininess + 2)
+
+    def extra_repr(self) -> str:
+        return "specular [1/sr], shininess [1]"
+
+
+@final
+class NormalizedPhong(AbstractMaterial):
+    """The energy-normalised lobe f_r = k_s (n+2)/(2 pi) cos^n(alpha).
+
+    Args:
+        specular: k_s, reflectance at normal incidence, `*batch channel`, 0..1.
+        shininess: n, `*batch 1`, >= 0.
+        learnable: keep both as `nn.Parameter`s.
+    """
+
+    specular: Tensor
+    shininess: Tensor
+
+    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
+        super().__init__()
+        self._hold("specular", specular, learnable, lowest=0, highest=1)
+        self._hold("shininess", shininess, learnable, lowest=0, last=1)
+
+    def forward(
+        self,
+        incident_direction: Float[Tensor, "*batch 3"],
+        outgoing_direction: Float[Tensor, "*batch 3"],
+        normal: Float[Tensor, "*batch 3"],
+    ) -> Float[Tensor, "*batch channel"]:
+        return normalized_phong_brdf(
+            self.specular, self.shininess, incident_direction, outgoing_direction, normal
+        )
+
+    def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
+        """Reflectance (DHR) at normal incidence, the largest over all angles: k_s."""
+        return self.specular
+
+    def extra_repr(self) -> str:
+        return "specular [1], shininess [1]"
+
+
+@final
+class OriginalPhong(AbstractMaterial):
+    """Phong's highlight without the cosine of incidence; not reciprocal, not energy-bounded.
+
+    Args:
+        specular: k_s, `*batch channel`, 1/sr, >= 0.
+        shininess: n, `*batch 1`, >= 0.
+        learnable: keep both as `nn.Parameter`s.
+    """
+
+    specular: Tensor
+    shininess: Tensor
+
+    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
+        super().__init__()
+        self._hold("specular", specular, learnable, lowest=0)
+        self._hold("shininess", shininess, learnable, lowest=0, last=1)
+
+    def forward(
+        self,
+        incident_direction: Float[Tensor, "*batch 3"],
+        outgoing_direction: Float[Tensor, "*batch 3"],
+        normal: Float[Tensor, "*batch 3"],
+    ) -> Float[Tensor, "*batch channel"]:
+        return original_phong_brdf(
+            self.specular, self.shininess, incident_direction, outgoing_direction, normal
+        )
+
+    def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
+        """Reflectance (DHR) at normal incidence; at other angles it is larger."""
+        return 2 * math.pi * self.specular / (self.shininess + 2)
+
+    def extra_repr(self) -> str:
+        return "specular [1/sr], shininess [1]"

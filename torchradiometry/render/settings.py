@@ -1,0 +1,54 @@
+"""How a picture is made: every knob of the renderer, with its unit and default."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from torchradiometry.errors import DTypeError, OutOfRangeError
+from torchradiometry.transport.rays import AbstractRayCaster
+
+__all__ = ["RenderSettings"]
+
+
+@dataclass(frozen=True, eq=False)
+class RenderSettings:
+    """What a picture costs and how good it gets.
+
+    Args:
+        bounces: interreflections, >= 0. 0 leaves direct light only: no patch is made.
+        ambient_tail: stand in for the bounces that are left out by a calibrated ambient term.
+        patch_size: longest edge of a radiosity patch, m; None: 1/6 of the half diagonal of
+            the scene.
+        supersampling: rays along each side of a pixel, >= 1.
+        shadow_samples: shadow rays to each emissive triangle, >= 1; four times as many in
+            penumbras. 0 draws no shadows at all.
+        pair_samples: shadow segments between two patches; four times as many in penumbras.
+        sky_samples: rays to the sky under an ambient dome.
+        budget: bytes that the form factors may use.
+        seed: of all random shifts; the same seed gives the same picture.
+        rays: what answers rays; None: Embree, or brute force where embreex is missing.
+    """
+
+    bounces: int = 8
+    ambient_tail: bool = True
+    patch_size: float | None = None
+    supersampling: int = 2
+    shadow_samples: int = 4
+    pair_samples: int = 4
+    sky_samples: int = 32
+    budget: int = 2**32
+    seed: int = 0
+    rays: type[AbstractRayCaster] | None = None
+
+    def __post_init__(self) -> None:
+        lowest = {"bounces": 0, "supersampling": 1, "shadow_samples": 0, "pair_samples": 1}
+        for name, low in {**lowest, "sky_samples": 1, "budget": 1}.items():
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise DTypeError(f"settings.{name}", f"{value!r}", "pass a whole number")
+            if value < low:
+                raise OutOfRangeError(f"settings.{name}", f"{value}", f"pass at least {low}")
+        size = self.patch_size
+        if size is not None and not (isinstance(size, (int, float)) and 0 < size < math.inf):
+            raise OutOfRangeError("settings.patch_size", f"{size!r}", "pass a length in m, > 0")

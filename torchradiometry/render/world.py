@@ -1,0 +1,129 @@
+"""A scene made ready for rays: one-sided faces, blockers, emitters, in float64.
+
+A triangle has a front; a two-sided one also has a back that reflects and emits. The back of a
+one-sided triangle is black: it blocks, and a ray that meets it sees nothing.
+
+An emitting triangle that lies exactly in the plane of another triangle (a lamp drawn into the
+ceiling) is moved to its front by four times the rays' tolerance, 2^-16 of the scene's half
+diagonal, so that it covers what lies behind it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchradiometry.errors import MissingDependencyError
+from torchradiometry.numerics import safe_norm, safe_normalize
+from torchradiometry.render.settings import RenderSettings
+from torchradiometry.scene.scene import Scene, Triangles
+from torchradiometry.transport.brute_force import BruteForceRays
+from torchradiometry.transport.embree import EmbreeRays
+from torchradiometry.transport.rays import RELATIVE_TOLERANCE, AbstractRayCaster
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
+__all__ = ["Faces", "World", "prepare"]
+
+#: how far a coplanar lamp is moved, in tolerances of the rays
+NUDGE = 4
+#: largest deviation of cosines of coplanar triangles from 1
+COPLANAR = 2.0**-20
+
+
+class Faces(NamedTuple):
+    """One-sided faces that reflect or emit: all fronts, then the backs of two-sided triangles.
+
+    Attributes:
+        corners: m, counter-clockwise seen from the reflecting side.
+        triangle: the triangle a face is a side of.
+        back: index of a triangle's back face, -1 where it is black.
+    """
+
+    corners: Float[Tensor, "face 3 3"]
+    triangle: Int[Tensor, "face"]
+    back: Int[Tensor, "triangle"]
+
+
+class World(NamedTuple):
+    """A prepared scene.
+
+    Attributes:
+        scene: as it was given.
+        triangles: in float64.
+        normal: geometric, unit.
+        faces: the one-sided faces.
+        rays: what blocks.
+        reason: which ray caster, and why.
+    """
+
+    scene: Scene
+    triangles: Triangles
+    normal: Float[Tensor, "triangle 3"]
+    faces: Faces
+    rays: AbstractRayCaster
+    reason: str
+
+    @property
+    def emitting(self) -> Bool[Tensor, "face"]:
+        """Faces that shine."""
+        return (self.triangles.emission.detach() > 0).any(-1)[self.faces.triangle]
+
+
+def prepare(scene: Scene, settings: RenderSettings) -> World:
+    """Float64 triangles, ray caster and one-sided faces of a scene."""
+    found = scene.triangles
+    triangles = Triangles(
+        *(t.to(torch.float64) if t.is_floating_point() else t for t in found)
+    )
+    corners = triangles.corners
+    normal = safe_normalize(_cross(corners))
+    corners = corners + _nudge(triangles, normal)
+    triangles = triangles._replace(corners=corners)
+    rays, reason = _ray_caster(corners, settings)
+    backs = torch.nonzero(triangles.two_sided).squeeze(-1)
+    back = torch.full_like(triangles.surface, -1)
+    back[backs] = len(corners) + torch.arange(len(backs), device=back.device)
+    faces = Faces(
+        torch.cat((corners, corners[backs].flip(1))),
+        torch.cat((torch.arange(len(corners), device=back.device), backs)),
+        back,
+    )
+    return World(scene, triangles, normal, faces, rays, reason)
+
+
+def _cross(corners: Tensor) -> Tensor:
+    a, b, c = corners.unbind(1)
+    return torch.linalg.cross(b - a, c - a)
+
+
+def _ray_caster(corners: Tensor, settings: RenderSettings) -> tuple[AbstractRayCaster, str]:
+    if settings.rays is not None:
+        return settings.rays(corners), f"{settings.rays.__name__}, as asked"  # type: ignore[call-arg]
+    if corners.is_cuda:
+        return BruteForceRays(corners), "BruteForceRays: the scene lies on a CUDA device"
+    try:
+        return EmbreeRays(corners), "EmbreeRays: the scene lies on the CPU"
+    except MissingDependencyError as error:
+        return BruteForceRays(corners), f"BruteForceRays: {error}"
+
+
+@torch.no_grad()
+def _nudge(triangles: Triangles, normal: Tensor) -> Float[Tensor, "triangle 1 3"]:
+    """How far each triangle moves: emitters that are coplanar with something else, forwards."""
+    corners = triangles.corners
+    points = corners.reshape(-1, 3)
+    size = float(safe_norm(points.amax(0) - points.amin(0))) / 2
+    emits = (triangles.emission > 0).any(-1)
+    moved = torch.zeros_like(normal)
+    others = torch.nonzero(~emits).squeeze(-1)
+    offset = (normal * corners[:, 0]).sum(-1)
+    for block in torch.nonzero(emits).squeeze(-1).split(256):
+        parallel = (normal[block] @ normal[others].mT).abs() > 1 - COPLANAR
+        distance = (corners[block].mean(1) @ normal[others].mT - offset[others]).abs()
+        touches = (parallel & (distance < size * RELATIVE_TOLERANCE)).any(-1, keepdim=True)
+        moved[block] = torch.where(touches, normal[block], 0)
+    return (moved * (NUDGE * size * RELATIVE_TOLERANCE)).unsqueeze(1)

@@ -1,0 +1,138 @@
+"""Scenes from files: glTF/GLB, and every mesh format that trimesh reads.
+
+A plain mesh (`.obj .ply .stl .off ...`) has no light and no camera; `with_default_view` adds
+both. Its albedo is the diffuse colour of its material (`Kd`, times `map_Kd`) or the mean of its
+vertex or face colours, taken as sRGB and linearised, and 0.5 where the file has none. Its
+lengths are read as metres. Normals that the file gives are kept; without them it is shaded
+flat. A mesh with an open border is two-sided, a closed one is not.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import torch
+import trimesh
+from trimesh.resolvers import Resolver
+
+from torchradiometry.errors import (
+    DTypeError,
+    EmptySceneError,
+    FileFormatError,
+    InputFileError,
+    RadiometryError,
+    ResourceLimitError,
+)
+from torchradiometry.files import check_readable
+from torchradiometry.scene.from_trimesh import surface_from_trimesh
+from torchradiometry.scene.gltf import MAX_ELEMENTS, load_gltf
+from torchradiometry.scene.gltf_container import confined
+from torchradiometry.scene.scene import Scene
+
+__all__ = ["SCENE_ENDINGS", "load_scene"]
+
+GLTF_ENDINGS = (".gltf", ".glb")
+#: archives, which may unpack to any size; drawings and point clouds, which have no faces
+LEFT_OUT = ("zip", "gz", "bz2", "dxf", "svg", "xyz", "gltf", "glb")
+#: what trimesh reads, without those
+SCENE_ENDINGS = GLTF_ENDINGS + tuple(
+    sorted(
+        f".{name}"
+        for name in trimesh.available_formats()
+        if not name.startswith(LEFT_OUT) and not name.endswith(LEFT_OUT)
+    )
+)
+
+
+def load_scene(path: str | Path, *, dtype: torch.dtype | None = None) -> Scene:
+    """The scene that a file describes, in world space.
+
+    Args:
+        path: a glTF file (`.gltf`, `.glb`) or a mesh file (see `SCENE_ENDINGS`).
+        dtype: floating dtype of all tensors, by default torch's default.
+
+    Returns:
+        Surfaces, and the lights and cameras that the file has. Values are as the file gives
+        them; `Scene.validate` tells what is wrong with them.
+
+    Raises:
+        InputFileError: no such file, or a folder.
+        FileFormatError: not a scene, damaged, or of an unknown format.
+        EmptySceneError: no triangles in it.
+        ResourceLimitError: too large.
+        DTypeError: `dtype` is not a floating one.
+    """
+    dtype = dtype or torch.get_default_dtype()
+    if not dtype.is_floating_point:
+        raise DTypeError("dtype", f"{dtype}", "pass torch.float32 or torch.float64")
+    path = check_readable(path, "scene file")
+    ending = path.suffix.lower()
+    if ending not in SCENE_ENDINGS:
+        got = f"the ending {ending!r}" if ending else "a name without an ending"
+        raise FileFormatError(str(path), got, f"use {', '.join(SCENE_ENDINGS)}")
+    try:
+        scene = load_gltf(path, dtype) if ending in GLTF_ENDINGS else _load_mesh(path, dtype)
+    except OSError as error:
+        if isinstance(error, RadiometryError):
+            raise
+        raise InputFileError(
+            str(path), f"a file that cannot be read ({error})", "check it"
+        ) from error
+    if not any(surface.count for surface in scene.surfaces):
+        raise EmptySceneError(str(path), "no triangles", "pass a file with a mesh")
+    return scene
+
+
+class _Beside(Resolver):
+    """Files that a mesh names: only those in its own folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def get(self, name: str) -> bytes:
+        path = confined(self.folder, str(name).strip())
+        if path is None:
+            mend = "only files inside the folder of the mesh are opened"
+            raise FileFormatError(str(name), "an address outside", mend)
+        return check_readable(path, "material or texture").read_bytes()
+
+    def write(self, name: str, data: object) -> None:
+        raise NotImplementedError
+
+    def namespaced(self, namespace: str) -> _Beside:
+        return _Beside(self.folder / namespace)
+
+    def keys(self) -> list[str]:
+        return [child.name for child in self.folder.iterdir() if child.is_file()]
+
+
+def _load_mesh(path: Path, dtype: torch.dtype) -> Scene:
+    """A plain mesh through trimesh, with the transforms of its parts applied."""
+    stream = io.BytesIO(path.read_bytes())
+    try:
+        loaded = trimesh.load_scene(
+            stream, file_type=path.suffix[1:].lower(), resolver=_Beside(path.parent), process=False
+        )
+        graph = [(name, *loaded.graph[name]) for name in loaded.graph.nodes_geometry]
+    except RadiometryError:
+        raise
+    except Exception as error:
+        got = f"no mesh ({type(error).__name__}: {error})"
+        raise FileFormatError(str(path), got[:300], "pass a mesh file") from error
+    parts = [
+        (node, matrix, loaded.geometry[key])
+        for node, matrix, key in graph
+        if isinstance(loaded.geometry[key], trimesh.Trimesh)
+    ]
+    total = sum(len(mesh.vertices) + 3 * len(mesh.faces) for _, _, mesh in parts)
+    if total > MAX_ELEMENTS:
+        mend = f"simplify the mesh to {MAX_ELEMENTS}"
+        raise ResourceLimitError(str(path), f"{total} vertices and indices", mend)
+    names = [path.stem if len(parts) == 1 else str(name) for name, _, _ in parts]
+    return Scene(
+        tuple(
+            surface_from_trimesh(mesh, name=name, transform=matrix, dtype=dtype)
+            for name, (_, matrix, mesh) in zip(names, parts, strict=True)
+        )
+    )

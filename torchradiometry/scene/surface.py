@@ -1,0 +1,171 @@
+"""One piece of a scene: a triangle mesh with what it reflects and emits.
+
+    rho(u, v) = albedo * texture(u, v)        L_emitted = emission, W/m2/sr
+
+A surface shines and reflects on the side from which its faces run counter-clockwise. With
+`two_sided` it does so on both sides; otherwise its back is black and still blocks light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from torchradiometry.errors import DTypeError, OutOfRangeError, ShapeError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+__all__ = ["WRAPS", "Surface", "Texture", "colour"]
+
+WRAPS = ("repeat", "mirror", "clamp")
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A picture of the albedo, stretched over a surface.
+
+    Args:
+        image: `height width channel`, **linear** reflectance factors 0..1; row 0 on top.
+        coordinates: `vertex 2`, where each vertex lies in the picture: (0, 0) is the lower left
+            corner, (1, 1) the upper right.
+        wrap: what lies beyond the picture, along u and along v: `repeat`, `mirror` or `clamp`.
+    """
+
+    image: Float[Tensor, "height width channel"]
+    coordinates: Float[Tensor, "vertex 2"]
+    wrap: tuple[str, str] = ("repeat", "repeat")
+
+    def __post_init__(self) -> None:
+        require_shape("texture.image", self.image, ("height", "width", "channel"))
+        require_shape("texture.coordinates", self.coordinates, ("vertex", 2))
+        if 0 in self.image.shape:
+            raise ShapeError(
+                "texture.image", f"shape {tuple(self.image.shape)}", "pass at least one texel"
+            )
+        for name in self.wrap:
+            if name not in WRAPS:
+                raise OutOfRangeError("texture.wrap", repr(name), f"use one of {WRAPS}")
+
+    def to(self, dtype: torch.dtype | None = None, device: object = None) -> Texture:
+        """The same texture in another dtype or on another device."""
+        image, coordinates = (moved(t, dtype, device) for t in (self.image, self.coordinates))
+        return replace(self, image=image, coordinates=coordinates)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A triangle mesh in world space and its material.
+
+    Args:
+        name: how errors and reports call it.
+        vertices: `vertex 3`, world, m.
+        faces: `face 3`, int64, counter-clockwise seen from the front.
+        albedo: `channel`, diffuse reflectance 0..1; multiplies the texture.
+        emission: `channel`, emitted radiance, W/m2/sr, >= 0.
+        normals: `vertex 3`, unit shading normals; None shades each face flat.
+        two_sided: the back reflects and emits too.
+        texture: varies the albedo over the surface.
+
+    Raises:
+        ShapeError, DTypeError: a tensor of the wrong shape or kind. Values are checked by
+            `Scene.validate`.
+
+    >>> corner = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    >>> leaf = Surface("leaf", corner, torch.tensor([[0, 1, 2]]), torch.tensor([0.5]))
+    >>> leaf.count, leaf.channels
+    (1, 1)
+    """
+
+    name: str
+    vertices: Float[Tensor, "vertex 3"]
+    faces: Int[Tensor, "face 3"]
+    albedo: Float[Tensor, "channel"]
+    emission: Float[Tensor, "channel"] = None  # type: ignore[assignment]
+    normals: Float[Tensor, "vertex 3"] | None = None
+    two_sided: bool = False
+    texture: Texture | None = None
+
+    def __post_init__(self) -> None:
+        if self.emission is None:
+            object.__setattr__(self, "emission", torch.zeros_like(self.albedo))
+        require_shape(f"{self.name}.vertices", self.vertices, ("vertex", 3))
+        require_shape(f"{self.name}.albedo", self.albedo, ("channel",))
+        require_shape(f"{self.name}.emission", self.emission, ("channel",))
+        if self.faces.ndim != 2 or self.faces.shape[-1] != 3:
+            got = f"a tensor of shape {tuple(self.faces.shape)}"
+            raise ShapeError(f"{self.name}.faces", got, "pass `face 3`")
+        if self.faces.dtype != torch.int64:
+            raise DTypeError(f"{self.name}.faces", f"{self.faces.dtype}", "pass int64 indices")
+        self._require_fitting()
+
+    def _require_fitting(self) -> None:
+        """Per-vertex tensors have as many rows as vertices; channel counts agree."""
+        rows = {"normals": self.normals}
+        if self.texture is not None:
+            rows["texture.coordinates"] = self.texture.coordinates
+        for what, tensor in rows.items():
+            if tensor is not None and tensor.shape[0] != self.vertices.shape[0]:
+                got = f"{tensor.shape[0]} rows for {self.vertices.shape[0]} vertices"
+                raise ShapeError(f"{self.name}.{what}", got, "pass one row per vertex")
+        if self.normals is not None:
+            require_shape(f"{self.name}.normals", self.normals, ("vertex", 3))
+        counts = {self.albedo.shape[-1], self.emission.shape[-1]}
+        if self.texture is not None:
+            counts.add(self.texture.image.shape[-1])
+        if len(counts - {1}) > 1:
+            got = f"channel counts {sorted(counts)}"
+            raise ShapeError(f"{self.name}: albedo, emission, texture", got, "use one, or 1")
+
+    @property
+    def count(self) -> int:
+        """Number of triangles."""
+        return self.faces.shape[0]
+
+    @property
+    def channels(self) -> int:
+        """Number of colour channels."""
+        texture = 1 if self.texture is None else self.texture.image.shape[-1]
+        return max(self.albedo.shape[-1], self.emission.shape[-1], texture)
+
+    def to(self, dtype: torch.dtype | None = None, device: object = None) -> Surface:
+        """The same surface in another dtype or on another device (indices stay int64)."""
+        return replace(
+            self,
+            vertices=moved(self.vertices, dtype, device),
+            faces=moved(self.faces, None, device),
+            albedo=moved(self.albedo, dtype, device),
+            emission=moved(self.emission, dtype, device),
+            normals=None if self.normals is None else moved(self.normals, dtype, device),
+            texture=None if self.texture is None else self.texture.to(dtype, device),
+        )
+
+
+def colour(value: object, dtype: torch.dtype | None = None) -> Tensor:
+    """A colour of three channels from a number, or the channels that were given.
+
+    >>> colour(0.5), colour([0.1, 0.2])
+    (tensor([0.5000, 0.5000, 0.5000]), tensor([0.1000, 0.2000]))
+    """
+    tensor = torch.as_tensor(value, dtype=dtype or torch.get_default_dtype())
+    return tensor.expand(3).clone() if tensor.ndim == 0 else tensor
+
+
+def moved(tensor: Tensor, dtype: torch.dtype | None, device: object) -> Tensor:
+    """`tensor.to` that leaves alone what is None."""
+    return tensor.to(dtype=dtype or tensor.dtype, device=device or tensor.device)  # type: ignore[call-overload]
+
+
+def require_shape(where: str, tensor: Tensor, axes: tuple[str | int, ...]) -> None:
+    """Raise `DTypeError` or `ShapeError` unless `tensor` is floating with these axes."""
+    wanted = " ".join(str(axis) for axis in axes)
+    if not isinstance(tensor, Tensor) or not tensor.is_floating_point():
+        got = f"{tensor.dtype}" if isinstance(tensor, Tensor) else f"a {type(tensor).__name__}"
+        raise DTypeError(where, got, f"pass a floating-point tensor `{wanted}`")
+    sizes = zip(tensor.shape, axes, strict=False)
+    fits = tensor.ndim == len(axes) and all(isinstance(a, str) or n == a for n, a in sizes)
+    if not fits:
+        raise ShapeError(where, f"a tensor of shape {tuple(tensor.shape)}", f"pass `{wanted}`")

@@ -1,0 +1,299 @@
+"""Spherical source: a sphere of uniform radiance, exact also where the horizon cuts it.
+
+With s = sin(sigma) = radius / distance, c = n . a the cosine of the direction a to the
+centre, and omega its angle:
+
+    above the horizon (c >= s):   Phi = pi s^2 a
+    below it (c <= -s):           Phi = 0
+    cut by it:                    Phi = E n + F f,   f = (a - c n) / sin(omega)
+        E = k s^2 (sin(psi) - psi cos(psi)) - (k sin(psi) - atan(k sin(psi)))
+        F = s^2 sin(omega) (psi - sin(psi) cos(psi))
+        cos(psi) = -cot(sigma) cot(omega),   k = tan(sigma) sin(omega)
+
+Phi is half the contour integral of w x dw along the visible arc of the sphere's outline
+(psi each way from its highest point) and the horizon below it. E is the known closed form,
+here ordered so that a sphere that only peeks over the horizon, or a far one, keeps its
+digits. Inside the sphere radiance comes from everywhere: Phi = pi n.
+
+References: J. M. Snyder, "Area Light Sources for Real-Time Graphics", Microsoft Research
+MSR-TR-96-11 (1996), 3.3; S. Lagarde and C. de Rousiers, "Moving Frostbite to Physically Based
+Rendering", SIGGRAPH 2014 course, listing 10; A. Gonzalez, "Measurement of Areas on a Sphere
+Using Fibonacci and Latitude-Longitude Lattices", Math. Geosci. 42 (2010), for the samples.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, final
+
+import torch
+from torch import Tensor
+
+from torchradiometry.errors import OutOfRangeError
+from torchradiometry.numerics import (
+    angle_of,
+    dot,
+    guarded_divide,
+    safe_norm,
+    safe_normalize,
+    safe_sqrt,
+    wide,
+)
+from torchradiometry.sources.base import AbstractSource, Arrival, light_first
+from torchradiometry.sources.extended import (
+    direction_and_length,
+    require_non_negative,
+    sample_rows,
+)
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+__all__ = ["SphereSource", "sphere_arrival", "sphere_samples", "sphere_vector_irradiance"]
+
+#: Series are used below this argument; 14 terms leave less than 0.25^28 / 29 < 1e-18.
+_SMALL = 0.25
+_TERMS = 14
+#: Above this k = tan(sigma) sin(omega) the terms of E no longer cancel.
+_STEEP = 2.0
+
+
+def sphere_vector_irradiance(
+    offset: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+    radius: Float[Tensor, "*batch"],
+) -> Float[Tensor, "*batch 3"]:
+    """Vector irradiance of a sphere of unit radiance, cut at the receiver's horizon.
+
+    Args:
+        offset: from the receiver to the sphere's centre, m.
+        normal: of the receiver, unit.
+        radius: m, >= 0.
+
+    Returns:
+        Phi in sr; n . Phi is W/m2 for 1 W/m2/sr. Inside the sphere pi n.
+
+    Differentiable in: offset, normal, radius (smooth at the horizon; jump on the surface).
+    Export: compile yes, ONNX yes.
+    References: Snyder (1996), 3.3.
+
+    >>> up = torch.tensor([0.0, 0.0, 1.0])
+    >>> sphere_vector_irradiance(2 * up, up, torch.tensor(1.0)) / torch.pi
+    tensor([0.0000, 0.0000, 0.2500])
+    """
+    dtype = torch.promote_types(offset.dtype, radius.dtype)
+    offset, normal, radius = wide(offset, normal, radius)
+    distance = safe_norm(offset)
+    inside = (distance < radius) | (distance == 0)
+    towards = safe_normalize(offset)
+    cosine = dot(normal, towards)
+    level = towards - cosine.unsqueeze(-1) * normal
+    lateral = safe_norm(level)
+    s = guarded_divide(radius, torch.where(inside, 0, distance))
+    cut = (cosine.abs() < s) & (lateral > 0)
+    upright, forward = _cut_components(
+        torch.where(cut, s, 0.5), torch.where(cut, cosine, 0), torch.where(cut, lateral, 1)
+    )
+    along = guarded_divide(forward, torch.where(cut, lateral, 1)).unsqueeze(-1) * level
+    whole = (math.pi * torch.where(cosine > 0, s * s, 0)).unsqueeze(-1) * towards
+    phi = torch.where(cut.unsqueeze(-1), upright.unsqueeze(-1) * normal + along, whole)
+    return torch.where(inside.unsqueeze(-1), math.pi * normal, phi).to(dtype)
+
+
+def _cut_components(s: Tensor, cosine: Tensor, lateral: Tensor) -> tuple[Tensor, Tensor]:
+    """Components E along the normal and F along the horizon of a sphere cut by it."""
+    slant = safe_sqrt((1 - s) * (1 + s))
+    outline = s * lateral
+    sine = safe_sqrt((s - cosine) * (s + cosine)) / outline
+    cosine_psi = -slant * cosine / outline
+    psi = angle_of(sine, cosine_psi)
+    steep = outline > _STEEP * slant
+    k = outline / torch.where(steep, 1, slant)
+    gentle = k * s * s * _sine_minus(psi, sine, cosine_psi) - _minus_arctangent(k * sine)
+    plain = s * s * psi * cosine - slant * sine * outline + angle_of(outline * sine, slant)
+    forward = s * s * lateral * _minus_sine(psi, sine, cosine_psi)
+    return torch.where(steep, plain, gentle), forward
+
+
+def _minus_arctangent(x: Tensor) -> Tensor:
+    """x - atan(x) for x >= 0, exact for small x: x^3/3 - x^5/5 + ..."""
+    small = x < _SMALL
+    t = torch.where(small, x, 0)
+    series = torch.zeros_like(t)
+    for k in range(_TERMS, 0, -1):
+        series = t * t * (1 / (2 * k + 1) - series)
+    return torch.where(small, t * series, x - angle_of(x, torch.ones_like(x)))
+
+
+def _sine_minus(psi: Tensor, sine: Tensor, cosine: Tensor) -> Tensor:
+    """sin(psi) - psi cos(psi) for psi >= 0, exact for small psi: psi^3/3 - psi^5/30 + ..."""
+    small = psi < _SMALL
+    t = torch.where(small, psi, 0)
+    series = torch.zeros_like(t)
+    for k in range(_TERMS // 2, 0, -1):
+        series = t * t * (2 * k / math.factorial(2 * k + 1) - series)
+    return torch.where(small, t * series, sine - psi * cosine)
+
+
+def _minus_sine(psi: Tensor, sine: Tensor, cosine: Tensor) -> Tensor:
+    """psi - sin(psi) cos(psi) for psi >= 0, exact for small psi: 2 psi^3/3 - ..."""
+    small = psi < _SMALL
+    t = 2 * torch.where(small, psi, 0)
+    series = torch.zeros_like(t)
+    for k in range(_TERMS // 2, 0, -1):
+        series = t * t * (1 / math.factorial(2 * k + 1) - series)
+    return torch.where(small, t * series / 2, psi - sine * cosine)
+
+
+def sphere_arrival(
+    center: Float[Tensor, "*batch light 3"],
+    radius: Float[Tensor, "*batch light 1"],
+    radiance: Float[Tensor, "*batch light channel"],
+    position: Float[Tensor, "*batch point 3"],
+    normal: Float[Tensor, "*batch point 3"],
+) -> Arrival:
+    """Light of spheres at points: irradiance * (n . direction) is exact.
+
+    Args:
+        center: m.
+        radius: m, >= 0.
+        radiance: W/m2/sr, >= 0.
+        position: m.
+        normal: unit.
+
+    Returns:
+        The arrival. `distance` is where the direction meets the sphere.
+
+    Differentiable in: all.
+    Export: compile yes, ONNX yes.
+    References: Snyder (1996), 3.3.
+    """
+    dtype = position.dtype
+    offset = light_first(center, position).double() - position.double()
+    size = light_first(radius, position).squeeze(-1).double()
+    wide_normal = normal.double()
+    phi = sphere_vector_irradiance(offset, wide_normal, size)
+    towards = safe_normalize(offset)
+    direction, length = direction_and_length(phi, wide_normal, towards, dtype)
+    distance = _surface_distance(offset, direction.double(), size).to(dtype)
+    return Arrival(direction, length.unsqueeze(-1) * light_first(radiance, position), distance)
+
+
+def _surface_distance(offset: Tensor, direction: Tensor, radius: Tensor) -> Tensor:
+    """Where the ray meets the sphere: first hit from outside, the only one from inside."""
+    distance = safe_norm(offset)
+    along = dot(offset, direction)
+    power = (distance - radius) * (distance + radius)
+    far = along + safe_sqrt(along * along - power)
+    return torch.where(power < 0, far, guarded_divide(power, far))
+
+
+def sphere_samples(
+    center: Float[Tensor, "*batch light 3"],
+    radius: Float[Tensor, "*batch light 1"],
+    radiance: Float[Tensor, "*batch light channel"],
+    position: Float[Tensor, "*batch point 3"],
+    normal: Float[Tensor, "*batch point 3"],
+    samples: int,
+) -> Arrival:
+    """Spheres as `samples` small emitters each, of equal area, on a Fibonacci lattice.
+
+    E = L cos(source) (4 pi radius^2 / samples) / r^2; those that face away give 0.
+
+    Args:
+        center: m.
+        radius: m, >= 0.
+        radiance: W/m2/sr.
+        position: m.
+        normal: only its shape is used.
+        samples: emitters per sphere, >= 1.
+
+    Returns:
+        The arrival with `light * samples` rows, the samples of one light together.
+
+    Differentiable in: center, radius, radiance, position.
+    Export: compile yes, ONNX yes.
+    References: Gonzalez (2010), eq. 1.
+    """
+    step = torch.arange(samples, dtype=position.dtype, device=position.device)
+    height = 1 - (2 * step + 1) / samples
+    turn = math.pi * (3 - math.sqrt(5)) * step
+    ring = safe_sqrt((1 - height) * (1 + height))
+    outward = torch.stack((ring * torch.cos(turn), ring * torch.sin(turn), height), -1)
+    size = light_first(radius, position)
+    offset = light_first(center, position) - position
+    path = offset.unsqueeze(-2) + size.unsqueeze(-1) * outward
+    distance = safe_norm(path)
+    direction = safe_normalize(path)
+    facing = -dot(outward, direction)
+    inside = dot(offset, offset).unsqueeze(-1) < size * size
+    facing = torch.where(inside, facing.abs(), facing.clamp(min=0))
+    share = guarded_divide(size, distance)
+    strength = (4 * math.pi / samples) * facing * share * share
+    return Arrival(*sample_rows(direction, strength, distance, light_first(radiance, position)))
+
+
+@final
+class SphereSource(AbstractSource):
+    """Spheres of uniform radiance.
+
+    Args:
+        center: `light 3` or `batch light 3`, m.
+        radius: `light 1` or `batch light 1`, m, >= 0.
+        radiance: `light channel` or `batch light channel`, W/m2/sr, >= 0.
+        samples: 1 = one row a light, exact for Lambertian surfaces; more = that many small
+            emitters a light, each a row of its own, which converge for every BRDF.
+        learnable: keep the three as `nn.Parameter`s.
+
+    Raises:
+        OutOfRangeError: a negative radius or radiance, or fewer than one sample.
+        InvalidValueError: NaN or infinite values.
+
+    >>> lamp = SphereSource([0.0, 0.0, 2.0], [1.0], [4.0])
+    >>> lamp(torch.zeros(1, 3), torch.tensor([[0.0, 0.0, 1.0]])).irradiance / torch.pi
+    tensor([[[1.]]])
+    """
+
+    center: Tensor
+    radius: Tensor
+    radiance: Tensor
+
+    def __init__(
+        self,
+        center: object,
+        radius: object,
+        radiance: object,
+        *,
+        samples: int = 1,
+        learnable: bool = False,
+    ) -> None:
+        super().__init__()
+        if samples < 1:
+            raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
+        self.samples = samples
+        self._hold("center", center, learnable, last=3)
+        self._hold("radius", radius, learnable, last=1)
+        self._hold("radiance", radiance, learnable)
+        require_non_negative("radius", self.radius, "m")
+        require_non_negative("radiance", self.radiance, "W/m2/sr")
+
+    @property
+    def lights(self) -> int:
+        return self.center.shape[-2] * self.samples
+
+    def forward(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+    ) -> Arrival:
+        position = self._near(position)
+        held = (self.center, self.radius, self.radiance, position, normal)
+        if self.samples > 1:
+            return sphere_samples(*held, self.samples)
+        return sphere_arrival(*held)
+
+    def extra_repr(self) -> str:
+        return (
+            f"lights={self.center.shape[-2]}, center [m], radius [m], radiance [W/m2/sr], "
+            f"samples={self.samples}"
+        )

@@ -1,0 +1,98 @@
+"""Rays through Intel's Embree: fast on the CPU, in float32.
+
+Embree keeps coordinates in float32. So that neither the place nor the size of a scene costs
+digits, triangles and rays are first moved to the middle of the scene and divided by its half
+diagonal, in float64; rays that come from afar start where they enter the scene's bounding
+sphere, and segments are cut to it. Embree's *robust* mode keeps shared edges closed. From its
+answer only the triangle's index is used: distance and barycentric weights are computed anew
+in float64.
+
+References: I. Wald et al., "Embree: A Kernel Framework for Efficient CPU Ray Tracing", ACM
+TOG 33(4) (2014).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, final
+
+import torch
+from torch import Tensor
+
+from torchradiometry.errors import MissingDependencyError
+from torchradiometry.transport.rays import AbstractRayCaster, Hits, hit_details, shortened
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
+__all__ = ["EmbreeRays"]
+
+
+def _embreex() -> tuple[Any, Any]:
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError as error:
+        raise MissingDependencyError(
+            "embreex",
+            "no installation",
+            "run: pip install 'torchradiometry[rays]', or use BruteForceRays",
+        ) from error
+    return EmbreeScene, TriangleMesh
+
+
+@final
+class EmbreeRays(AbstractRayCaster):
+    """Fast rays on the CPU; tensors elsewhere are copied there and back.
+
+    Args:
+        corners: `triangle 3 3`, m.
+
+    Raises:
+        MissingDependencyError: embreex is not installed.
+    """
+
+    def __init__(self, corners: Float[Tensor, "triangle 3 3"]) -> None:
+        scene, mesh = _embreex()
+        self._hold(corners.cpu())
+        self._scene = scene(robust=True)
+        if len(self.corners):
+            unit = (self.corners - self.centre) / self.scale
+            mesh(self._scene, unit.to(torch.float32).numpy())
+
+    def closest(self, origin: Float[Tensor, "ray 3"], direction: Float[Tensor, "ray 3"]) -> Hits:
+        start, heading = self._unit(origin), direction.detach().cpu().to(torch.float64)
+        length = heading.norm(dim=-1, keepdim=True)
+        heading = heading / torch.where(length > 0, length, 1)
+        start = start + heading * _entry(start, heading)
+        triangle = self._run(start, heading, "INTERSECT", None)
+        triangle = torch.where(length.squeeze(-1) > 0, triangle, -1).to(origin.device)
+        return hit_details(self.corners.to(origin.device), triangle, origin, direction)
+
+    def occluded(
+        self, origin: Float[Tensor, "ray 3"], target: Float[Tensor, "ray 3"]
+    ) -> Bool[Tensor, "ray"]:
+        start, extent = shortened(
+            self._unit(origin), self._unit(target), self.tolerance / self.scale
+        )
+        length = extent.norm(dim=-1, keepdim=True)
+        heading = extent / torch.where(length > 0, length, 1)
+        skipped = torch.minimum(_entry(start, heading), length)
+        rest = (length - skipped).squeeze(-1)
+        blocked = self._run(start + skipped * heading, heading, "OCCLUDED", rest) >= 0
+        return (blocked & (rest > 0)).to(origin.device)
+
+    def _unit(self, point: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 3"]:
+        return (point.detach().cpu().to(torch.float64) - self.centre) / self.scale
+
+    def _run(self, start: Tensor, heading: Tensor, query: str, length: Tensor | None) -> Tensor:
+        if len(self.corners) == 0 or len(start) == 0:
+            return torch.full((len(start),), -1, dtype=torch.int64)
+        o, d = (t.to(torch.float32).contiguous().numpy() for t in (start, heading))
+        reach = None if length is None else length.to(torch.float32).numpy()
+        return torch.from_numpy(self._scene.run(o, d, dists=reach, query=query)).long()
+
+
+def _entry(start: Tensor, heading: Tensor) -> Tensor:
+    """How far a ray may be moved before it meets the sphere of radius 1.5, at least 0."""
+    along = (start * heading).sum(-1, keepdim=True)
+    return (-along - 1.5).clamp(min=0)
