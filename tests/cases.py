@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry import export, geometry, materials, shade, sources
+from torchradiometry import export, geometry, materials, shade, solve, sources, transport
 
 
 class Sizes(NamedTuple):
@@ -117,6 +117,17 @@ def depth_maps(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor]:
     return depth, matrix.to(dtype).expand(sizes.batch, 3, 3).contiguous()
 
 
+def enclosure(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor, Tensor]:
+    """Albedo and exitance `batch patch 3` and closed form factors `patch patch`."""
+    patches = sizes.height * sizes.width
+    factors = rand(patches, patches, dtype=dtype, seed=54)
+    return (
+        rand(sizes.batch, patches, 3, dtype=dtype, seed=55, high=0.8),
+        rand(sizes.batch, patches, 3, dtype=dtype, seed=56),
+        factors / factors.sum(-1, keepdim=True),
+    )
+
+
 def source(name: str, dtype: torch.dtype) -> nn.Module:
     """The source of that name in `SOURCES`."""
     return next(case for case in SOURCES if case.name == name).build(dtype)
@@ -201,6 +212,7 @@ LAYERS: list[Case] = [
     Case("ambient", shade.AmbientShading, lambda t: Named(shade.AmbientShading(), "albedo", "radiance", "visibility"), images("albedo", "radiance", "occlusion")),
     Case("ambient_harmonics", shade.AmbientShading, lambda t: Named(shade.AmbientShading(sources=source("harmonics", t)), "albedo", "normal"), images("albedo", "normal")),
     Case("point_shading", shade.PointShading, lambda t: shade.PointShading(MATERIALS[-1].build(t), _sources("mixed", t)), lambda t, sizes: (*surface_points(t, sizes), directions(sizes.batch, sizes.height * sizes.width, dtype=t, seed=53))),
+    Case("radiosity", shade.RadiosityShading, lambda t: shade.RadiosityShading(solver=solve.Neumann(2)), enclosure),
     lights_as_inputs(shade.LambertianShading, "directional", "normal", "albedo", "visibility"),
     lights_as_inputs(lambda s: shade.PhongShading(sources=s), "point", "normal", "albedo", "specular", "shininess", "position"),
     Case("depth_to_points", geometry.DepthToPoints, lambda t: geometry.DepthToPoints(), depth_maps),
@@ -210,8 +222,13 @@ LAYERS: list[Case] = [
 ]
 
 SOLVERS: list[Case] = [
+    Case("neumann", solve.Neumann, lambda t: shade.RadiosityShading(solver=solve.Neumann(5)), enclosure),
+    Case("neumann_tail", solve.Neumann, lambda t: shade.RadiosityShading(solver=solve.Neumann(3, ambient_tail=True)), enclosure),
+    Case("direct", solve.Direct, lambda t: shade.RadiosityShading(solver=solve.Direct()), enclosure),
 ]
 
 RAY_CASTERS: list[object] = [
+    transport.BruteForceRays,
+    transport.EmbreeRays,
 ]
 # fmt: on

@@ -275,7 +275,11 @@ def test_gradients(generator: torch.Generator) -> None:
             position = (away * distance).requires_grad_()
             tangent, _ = local_frame(away / away.norm())
             for normal in (-away, tangent - 0.1 * away / distance):
-                inputs = (position, normal.clone().requires_grad_(), polygon.clone().requires_grad_())
+                inputs = (
+                    position,
+                    normal.clone().requires_grad_(),
+                    polygon.clone().requires_grad_(),
+                )
                 assert gradcheck(polygon_vector_irradiance, inputs)
 
 

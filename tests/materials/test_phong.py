@@ -112,9 +112,7 @@ def test_linear_in_specular(scale: float, n: float) -> None:
     wi, wo, up = directions(5, dtype=DOUBLE), directions(5, dtype=DOUBLE, seed=1), at(0.0)
     k, shininess = torch.tensor([0.2, 0.5], dtype=DOUBLE), torch.tensor([n], dtype=DOUBLE)
     for brdf in BRDFS:
-        assert_close(
-            brdf(k * scale, shininess, wi, wo, up), brdf(k, shininess, wi, wo, up) * scale
-        )
+        assert_close(brdf(k * scale, shininess, wi, wo, up), brdf(k, shininess, wi, wo, up) * scale)
 
 
 @pytest.mark.parametrize("lobe", LOBES)

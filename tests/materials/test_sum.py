@@ -48,3 +48,10 @@ def test_mistakes_are_named() -> None:
         m.SumMaterial([])
     with pytest.raises(DTypeError, match="Linear"):
         m.SumMaterial([torch.nn.Linear(1, 1)])
+
+
+def test_diffuse_part_is_the_sum_of_the_diffuse_parts() -> None:
+    gray, shiny = m.Lambertian(0.25), m.Phong(0.2, 3.0)
+    plastic = m.LambertianSpecular(0.5, 0.1, 9.0)
+    assert_close(m.SumMaterial([gray, shiny, plastic]).diffuse_albedo(), 0.75)
+    assert m.SumMaterial([shiny, shiny]).diffuse_albedo() is None

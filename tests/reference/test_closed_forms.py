@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def test_sphere_against_brute_force(tilt: float, distance: float) -> None:
     kink = abs(math.pi / 2 - tilt)
     ends = sorted({0.0, cone, min(kink, cone)})
     brute = 0.0
-    for low, high in zip(ends[:-1], ends[1:], strict=True):
+    for low, high in pairwise(ends):
         bend = lambda t, a=low, b=high: (  # noqa: E731
             circle(a + (b - a) * np.sin(t) ** 2) * (b - a) * np.sin(2 * t)
         )
@@ -172,8 +173,7 @@ def test_rectangles_from_elements() -> None:
                 wp
                 * wq
                 * sum(
-                    cf.element_to_perpendicular_rectangle(c, v, p * a)
-                    for v in (q * b, (1 - q) * b)
+                    cf.element_to_perpendicular_rectangle(c, v, p * a) for v in (q * b, (1 - q) * b)
                 )
             )
     assert close(cf.parallel_rectangles(a, b, c), total, 1e-10)

@@ -15,6 +15,7 @@ from torch import Tensor
 from torchradiometry.errors import (
     DTypeError,
     EmptySceneError,
+    InvalidValueError,
     NoGraphicsError,
     OutOfRangeError,
     ResourceLimitError,
@@ -56,8 +57,6 @@ MEDIAN, WORST = 3e-3, 1e-2
 MEDIAN_FLOAT32, WORST_FLOAT32 = 1e-6, 1e-3
 #: pixels darker than this share of the brightest have no relative error worth the name
 DARK = 1e-5
-#: OpenGL snaps corners to 1/256 pixel; half of that is the error of a projected corner
-SNAP = 1 / 512
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -224,7 +223,7 @@ def test_layers_on_ray_cast_points_agree_with_pyrender(view: str) -> None:
     ours = layers(eye, position[kept], normal[kept], albedo[kept], gloss, source)
     error = relative_error(ours, seen.radiance.reshape(-1, 3)[kept])
     assert error.median() < MEDIAN
-    assert error.quantile(0.99) < WORST
+    assert error.max() < WORST
 
 
 @pytest.mark.parametrize("view", ["perspective", "orthographic"])
@@ -414,9 +413,7 @@ def test_a_shadowed_area_light_has_a_soft_edge() -> None:
     blocker = quad([[0, 1, 1], [2, 1, 1], [2, 1, -1], [0, 1, -1]], two_sided=True)
     pose = look_at(f64([0, 0.9, 0]), f64([0, 0, 0]), f64([0, 0, -1]))
     eye = OrthographicCamera(width=40, height=8, ymag=0.2, camera_to_world=pose)
-    seen = render_reference(
-        Scene((ground(), lamp, blocker)), eye, shadows=True, area_samples=32
-    )
+    seen = render_reference(Scene((ground(), lamp, blocker)), eye, shadows=True, area_samples=32)
     row = seen.radiance[4, :, 0]
     assert (seen.instance == 0).all()
     free = panel_irradiance(seen.position[4]) * 4 * 0.8 / math.pi
@@ -512,6 +509,38 @@ def test_faults_are_named() -> None:
         render_reference(Scene(), eye)
     with pytest.raises(ResourceLimitError, match="draws at most"):
         render_reference(scene, camera("perspective", 2**18, 1))
+
+
+def test_nan_is_named() -> None:
+    broken = ground()
+    broken.vertices[0, 0] = math.nan
+    with pytest.raises(InvalidValueError, match="NaN"):
+        render_reference(Scene((broken,)), camera("perspective", 4, 4))
+
+
+def test_nothing_is_nan_where_light_has_no_value() -> None:
+    """A lamp on the surface, a fold without a normal, a glowing surface under its own light."""
+    fold = ground(normals=f64([[0, 1, 0], [0, -1, 0], [0, 1, 0], [0, -1, 0]]))
+    lamps = (PointSource(f64([0.0, 0, 0]), f64([1.0])), lights("point", 2))
+    pose = look_at(f64([0, 3, 0]), f64([0, 0, 0]), f64([0, 0, -1]))
+    eye = PinholeCamera(width=9, height=9, yfov=0.5, camera_to_world=pose)
+    for scene in (Scene((fold,), lamps), Scene((ground(),), lamps)):
+        for shadows in (False, True):
+            seen = render_reference(scene, eye, shadows=shadows)
+            assert torch.isfinite(seen.radiance).all()
+            assert torch.isfinite(seen.normal).all()
+    glowing = Scene((ground(0.5, emission=f64([2.0])),))
+    seen = render_reference(glowing, eye, area_samples=800)
+    hit = seen.instance == 0
+    torch.testing.assert_close(seen.radiance[hit], torch.full_like(seen.radiance[hit], 2.0))
+
+
+def test_a_camera_that_sees_nothing() -> None:
+    pose = look_at(f64([0, 3, 0]), f64([0, 9, 0]), f64([0, 0, -1]))
+    eye = PinholeCamera(width=5, height=4, yfov=0.5, camera_to_world=pose)
+    seen = render_reference(Scene((ground(),), (lights("point", 1),)), eye, shadows=True)
+    assert (seen.instance == -1).all()
+    assert (seen.radiance == 0).all()
 
 
 def test_no_graphics_is_one_sentence_with_the_package(monkeypatch: pytest.MonkeyPatch) -> None:

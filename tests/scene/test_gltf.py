@@ -1,11 +1,13 @@
 """glTF: every mapping of materials, lights, cameras and transforms, checked by hand."""
 
+import io
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from tests.scene.gltf_files import SQUARE, TRIANGLE, GltfFile, data_uri, one_triangle, png
 from tests.tolerances import assert_close
@@ -317,6 +319,15 @@ def test_texture_transform(tmp_path: Path) -> None:
 def test_grey_picture(tmp_path: Path) -> None:
     scene = load(textured({"uri": data_uri(png([[188]]))}), tmp_path)
     assert_close(albedo_at(scene, 0.5, 0.2), [GREY188 / 2, GREY188, GREY188], rtol=1e-6)
+
+
+def test_jpeg(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    Image.new("RGB", (16, 8), (188, 188, 188)).save(stream, "JPEG", quality=100)
+    scene = load(textured({"uri": data_uri(stream.getvalue(), "image/jpeg")}), tmp_path)
+    assert only(scene).texture.image.shape == (8, 16, 3)
+    grey = [GREY188 / 2, GREY188, GREY188]
+    assert_close(albedo_at(scene, 0.5, 0.2), grey, rtol=0.02)
 
 
 def test_mean_albedo_of_triangles(tmp_path: Path) -> None:

@@ -21,7 +21,9 @@ def test_from_everywhere_every_surface_gets_pi_times_the_radiance(
     dome = AmbientDome([0.5, 2.0]).to(dtype)
     arrival = dome(None, normal)
     expected = torch.tensor([0.5, 2.0], dtype=torch.float64) * math.pi
-    assert_close(irradiance(arrival, normal), expected, rtol=3e-7 if dtype == torch.float32 else 1e-12)
+    assert_close(
+        irradiance(arrival, normal), expected, rtol=3e-7 if dtype == torch.float32 else 1e-12
+    )
     assert torch.isinf(arrival.distance).all()
     assert not dome.has_direction
     assert not dome.needs_position

@@ -64,7 +64,9 @@ def test_what_nine_numbers_forget_of_a_single_distant_source() -> None:
     cosine = torch.linspace(-1, 1, 100001, dtype=torch.float64)
     series = 0.25 + cosine / 2 + 5 / 32 * (3 * cosine**2 - 1)
     rest = cosine.clamp(min=0) - series
-    assert_close((rest**2).mean().sqrt() / (cosine.clamp(min=0) ** 2).mean().sqrt(), 0.0884, rtol=1e-3)
+    assert_close(
+        (rest**2).mean().sqrt() / (cosine.clamp(min=0) ** 2).mean().sqrt(), 0.0884, rtol=1e-3
+    )
     assert float((rest**2).mean() / (cosine.clamp(min=0) ** 2).mean()) < 0.008
     sun = torch.eye(3, dtype=torch.float64)[2:]
     coefficients = harmonic_basis(sun).unsqueeze(-1)  # a distant source of 1 W/m2

@@ -5,12 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -23,23 +25,25 @@ Advance = Callable[[int, str], None]
 
 
 @contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Advance]:
-    """A bar for one step; the block calls the function it is given as work gets done.
+def progress_bar(*steps: tuple[str, int]) -> Iterator[list[Advance]]:
+    """One bar for each (title, total); the block calls the functions it is given.
 
-    On a terminal the bar moves; elsewhere its last state is printed when the step ends.
+    On a terminal the bars move; elsewhere their last state is printed when the block ends.
     """
     columns = (
-        TextColumn("{task.description:32s}"),
+        TextColumn("{task.description:28s}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     )
-    with Progress(*columns, console=Console(file=sys.stderr)) as bar:
-        task = bar.add_task(title, total=total, note="")
+    with Progress(*columns, console=Console(file=sys.stderr)) as bars:
+        tasks = [bars.add_task(title, total=total, note="", start=False) for title, total in steps]
+        yield [partial(_advance, bars, task) for task in tasks]
 
-        def advance(done: int, note: str = "") -> None:
-            bar.update(task, completed=done, note=note)
 
-        yield advance
+def _advance(bars: Progress, task: TaskID, done: int, note: str = "") -> None:
+    if done and not bars.tasks[task].started:
+        bars.start_task(task)
+    bars.update(task, completed=done, note=note)

@@ -155,7 +155,10 @@ def read_photographs(folder: str | Path) -> Photographs:
     files = _photograph_files(folder)
     directions = _read_table(folder / "light_directions.txt", (3,))
     intensities = _read_table(folder / "light_intensities.txt", (1, 3))
-    for table, name in ((directions, "light_directions.txt"), (intensities, "light_intensities.txt")):
+    for table, name in (
+        (directions, "light_directions.txt"),
+        (intensities, "light_intensities.txt"),
+    ):
         if len(table) != len(files):
             raise ShapeError(
                 str(folder / name),

@@ -152,7 +152,23 @@ def _exported(
             opset_version=OPSET,
             external_data=False,
             verbose=False,
+            custom_translation_table={torch.ops.aten.scalar_tensor.default: _exact_number},
         )
+
+
+def _exact_number(
+    s: Any, dtype: int = 1, layout: str = "", device: str = "", pin_memory: bool = False
+) -> Any:
+    """A Python number of the graph as a constant of the (ONNX) dtype that it meets.
+
+    The exporter's own rule makes it a float32 first and then casts, so that pi in a float64
+    graph would be wrong from the eighth digit on.
+    """
+    operators = import_module("onnxscript").opset20
+    if not isinstance(s, (bool, int, float)):
+        return operators.Cast(s, to=dtype)
+    value = import_module("onnx").helper.make_tensor("number", dtype, [], [s])
+    return operators.Constant(value=value)
 
 
 def _refuse_custom_operators(model: Any, path: str | Path) -> None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jaxtyping import Bool, Float
     from torch import Tensor
 
-__all__ = ["clip_polygon"]
+__all__ = ["clip_polygon", "clip_slots"]
 
 
 def clip_polygon(
@@ -50,24 +50,35 @@ def clip_polygon(
     >>> clip_polygon(square, square[:, 1] - 1)[:, :2].unique(dim=0)
     tensor([[0., 1.],
             [0., 2.],
+            [1., 1.],
             [2., 1.],
             [2., 2.]])
     """
-    following, next_height = polygon.roll(-1, -2), height.roll(-1, -1)
+    slots = clip_slots(polygon.movedim((-1, -2), (0, 1)), height.movedim(-1, 0))
+    return slots.movedim((0, 1), (-1, -2))
+
+
+def clip_slots(
+    polygon: Float[Tensor, "3 corner *batch"], height: Float[Tensor, "corner *batch"]
+) -> Float[Tensor, "3 two_corners *batch"]:
+    """`clip_polygon` with components and corners first, the layout that computes fast."""
+    following, next_height = polygon.roll(-1, 1), height.roll(-1, 0)
     inside, next_inside = height >= 0, next_height >= 0
     crossing = inside != next_inside
     share = guarded_divide(height, torch.where(crossing, height - next_height, 0))
-    cut = polygon + share.unsqueeze(-1) * (following - polygon)
-    anchor = _any_of(cut, crossing)
-    keep, keep_next = inside.unsqueeze(-1), next_inside.unsqueeze(-1)
-    start = torch.where(keep, polygon, torch.where(keep_next, cut, anchor))
-    end = torch.where(keep_next, following, torch.where(keep, cut, anchor))
-    return torch.stack((start, end), -2).flatten(-3, -2)
+    cut = polygon + share * (following - polygon)
+    anchor = _between(cut, crossing, polygon[:, :1])
+    start = torch.where(inside, polygon, torch.where(next_inside, cut, anchor))
+    end = torch.where(next_inside, following, torch.where(inside, cut, anchor))
+    return torch.stack((start, end), 2).flatten(1, 2)
 
 
-def _any_of(
-    points: Float[Tensor, "*batch corner 3"], wanted: Bool[Tensor, "*batch corner"]
-) -> Float[Tensor, "*batch 1 3"]:
-    """One of the wanted points, or the first of all where none is wanted."""
-    index = wanted.to(torch.float32).argmax(-1, keepdim=True).unsqueeze(-1)
-    return points.gather(-2, index.expand(*index.shape[:-1], 3))
+def _between(
+    points: Float[Tensor, "3 corner *batch"],
+    wanted: Bool[Tensor, "corner *batch"],
+    otherwise: Float[Tensor, "3 1 *batch"],
+) -> Float[Tensor, "3 1 *batch"]:
+    """The mean of the wanted points, which lies on the line through them."""
+    count = wanted.sum(0, keepdim=True)
+    total = torch.where(wanted, points, 0).sum(1, keepdim=True)
+    return torch.where(count > 0, total / count.clamp(min=1), otherwise)

@@ -66,9 +66,9 @@ def depth_to_points(
     Differentiable in: depth, intrinsics, pixel_size (if a tensor).
     Export: compile yes, ONNX yes.
 
-    >>> depth_to_points(torch.ones(1, 1, 1, 2), pixel_size=2.0)[0, :, 0]
+    >>> depth_to_points(torch.ones(1, 1, 2, 2), pixel_size=2.0)[0, :, 0]
     tensor([[-1.,  1.],
-            [ 0.,  0.],
+            [ 1.,  1.],
             [-1., -1.]])
     """
     points, seen = _points(depth, intrinsics, pixel_size)

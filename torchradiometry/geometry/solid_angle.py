@@ -149,7 +149,7 @@ def _excess(
     The planes through the point and two edges that meet in p turn by atan2(volume |p|, g.g').
     """
     side = [torch.linalg.cross(p, e) for p, e in zip(corners, edges, strict=True)]
-    total = 2 * math.pi * torch.sign(volume)
+    total = 2 * _pi(volume) * torch.sign(volume)
     for i in range(3):
         total = total - angle_of(volume * safe_norm(corners[i]), dot(side[i - 1], side[i]))
     return total
@@ -180,7 +180,7 @@ def solid_angle_cone(half_angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*bat
     >>> solid_angle_cone(torch.tensor(torch.pi / 2)) / torch.pi
     tensor(2.0000)
     """
-    return 4 * math.pi * torch.sin(half_angle / 2) ** 2
+    return 4 * _pi(half_angle) * torch.sin(half_angle / 2) ** 2
 
 
 def solid_angle_sphere(
@@ -207,4 +207,10 @@ def solid_angle_sphere(
     inside = distance < radius
     ratio = guarded_divide(radius, torch.where(inside, 0, distance))
     root = safe_sqrt((1 - ratio) * (1 + ratio))
-    return torch.where(inside, 4 * math.pi, 2 * math.pi * ratio**2 / (1 + root)).to(dtype)
+    pi = _pi(ratio)
+    return torch.where(inside, 4 * pi, 2 * pi * ratio**2 / (1 + root)).to(dtype)
+
+
+def _pi(like: Tensor) -> Tensor:
+    """Pi in the dtype; the ONNX exporter rounds a Python number to float32."""
+    return torch.tensor(math.pi, dtype=like.dtype, device=like.device)

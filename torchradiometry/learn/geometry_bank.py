@@ -112,7 +112,7 @@ def _one_bounce(
     rays = _sphere_directions(RAYS, generator)
     rays = rays[rays[:, 2] > -0.8]
     steps = int(height.shape[-1] * 0.6)
-    met = height_field_hits(height, rays, steps=steps).reshape(len(rays), -1)[:, kept]
+    met = height_field_hits(height, rays, kept, steps=steps).squeeze(1)
     weight = clamped_cosine(normal[kept], rays.unsqueeze(1)) * (4 * math.pi / RAYS) / math.pi
     blocked = met >= 0
     emitted = received[:, met.clamp(min=0)]

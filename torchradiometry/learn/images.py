@@ -88,7 +88,9 @@ def random_materials(shapes: int, pixels: int, generator: torch.Generator) -> Ma
     exponent = torch.tensor([2.0, 0.0]) + torch.tensor([6.0, 4.0]) * uniform(shapes, 1, 2)
     jitter = uniform(shapes, pixels, 2) - 0.5
     albedo = albedo * (1 - specular.sum(-1)).clamp(0.03, 1)
-    return Materials(albedo, specular, 2 ** (exponent + jitter).clamp(min=0), base.expand_as(albedo))
+    return Materials(
+        albedo, specular, 2 ** (exponent + jitter).clamp(min=0), base.expand_as(albedo)
+    )
 
 
 def shade(bank: SurfaceBank, materials: Materials) -> Float[Tensor, "shape pixel light"]:
@@ -189,6 +191,7 @@ def _turned(bank: SurfaceBank, generator: torch.Generator) -> SurfaceBank:
     shapes = len(bank.normal)
     angle = 2 * math.pi * torch.rand(shapes, generator=generator)
     mirror = torch.where(torch.rand(shapes, generator=generator) < 0.5, -1.0, 1.0)
-    c, s, o, l = angle.cos(), angle.sin(), torch.zeros(shapes), torch.ones(shapes)
-    turn = torch.stack([c, s, o, -s * mirror, c * mirror, o, o, o, l], -1).reshape(-1, 3, 3)
+    c, s, nil, one = angle.cos(), angle.sin(), torch.zeros(shapes), torch.ones(shapes)
+    turn = torch.stack([c, s, nil, -s * mirror, c * mirror, nil, nil, nil, one], -1)
+    turn = turn.reshape(-1, 3, 3)
     return bank._replace(normal=bank.normal @ turn, direction=bank.direction @ turn)

@@ -22,6 +22,7 @@ O. Ronneberger et al., "U-Net", MICCAI 2015.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, final
 
 import torch
@@ -150,7 +151,8 @@ class PhotometricNetwork(nn.Module):
         )
         brightest = relative.amax(-1, keepdim=True)
         values = torch.stack(
-            [guarded_divide(relative, brightest), relative.clamp(max=4), (relative * 0.25).sqrt()], -1
+            [guarded_divide(relative, brightest), relative.clamp(max=4), (relative * 0.25).sqrt()],
+            -1,
         )
         level = torch.sqrt((start[..., :2] ** 2).sum(-1, keepdim=True))
         along = torch.cat([level, torch.zeros_like(level), start[..., 2:]], -1)
@@ -184,42 +186,47 @@ class ShadingNetwork(nn.Module):
     """Normals from the luminance of one image and its mask; any height and width.
 
     Args:
-        features: channels at full resolution; each of the three halvings doubles them.
+        features: channels at half the resolution, doubled by the next two halvings.
 
     Shapes: luminance `B 1 H W` (any positive scale), mask `B 1 H W` (1 on the object) ->
     normal `B 3 H W`, unit on the object and 0 elsewhere.
     """
 
-    def __init__(self, features: int = 24) -> None:
+    def __init__(self, features: int = 32) -> None:
         super().__init__()
         wide = [features, 2 * features, 4 * features, 4 * features]
-        self.first = _block(4, wide[0])
-        self.down = nn.ModuleList(
-            _block(wide[k], wide[k + 1], stride=2) for k in range(len(wide) - 1)
-        )
-        self.middle = nn.Sequential(_block(wide[-1], wide[-1], dilation=2), _block(wide[-1], wide[-1], dilation=4))
+        self.first = _block(4, wide[0], stride=2)
+        self.down = nn.ModuleList(_block(a, b, stride=2) for a, b in pairwise(wide))
+        self.middle = _block(wide[-1], wide[-1], dilation=2)
         self.up = nn.ModuleList(
             _block(wide[k + 1] + wide[k], wide[k]) for k in reversed(range(len(wide) - 1))
         )
-        self.answer = nn.Conv2d(wide[0], 3, 1)
+        self.last = nn.Sequential(nn.Conv2d(wide[0] + 4, 16, 3, padding=1), nn.GELU())
+        self.answer = nn.Conv2d(16, 3, 3, padding=1)
 
     def forward(
         self, luminance: Float[Tensor, "B 1 H W"], mask: Float[Tensor, "B 1 H W"]
     ) -> Float[Tensor, "B 3 H W"]:
-        levels = [self.first(_described(luminance, mask))]
+        described = _described(luminance, mask)
+        levels = [self.first(described)]
         for down in self.down:
             levels.append(down(levels[-1]))
         found = self.middle(levels.pop())
         for up in self.up:
             skip = levels.pop()
-            wider = nn.functional.interpolate(found, size=skip.shape[-2:], mode="nearest")
-            found = up(torch.cat([wider, skip], 1))
+            found = up(torch.cat([_enlarged(found, skip), skip], 1))
+        found = self.last(torch.cat([_enlarged(found, described), described], 1))
         x, y, z = self.answer(found).unbind(1)
         facing = torch.stack([x, y, nn.functional.softplus(z)], -1)
         return safe_normalize(facing).movedim(-1, 1) * mask
 
     def extra_repr(self) -> str:
         return "luminance, mask [1] -> normal [1]"
+
+
+def _enlarged(image: Tensor, like: Tensor) -> Tensor:
+    """Interpolated linearly to the size of `like`."""
+    return nn.functional.interpolate(image, size=like.shape[-2:], mode="bilinear")
 
 
 def _described(luminance: Tensor, mask: Tensor) -> Tensor:

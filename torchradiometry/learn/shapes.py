@@ -19,6 +19,7 @@ ECCV 2018, section 4.1 (why training shapes need concavities); M. K. Johnson and
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import torch
@@ -26,12 +27,13 @@ from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import points_to_normals
-from torchradiometry.numerics import safe_normalize
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["Shapes", "height_to_normals", "random_shapes"]
+__all__ = ["FAMILIES", "Shapes", "height_to_normals", "random_shapes"]
+
+FAMILIES = ("blobs", "ellipsoids", "reliefs", "carved")
 
 
 class Shapes(NamedTuple):
@@ -48,19 +50,22 @@ class Shapes(NamedTuple):
     mask: Bool[Tensor, "batch height width"]
 
 
-def random_shapes(count: int, size: int, generator: torch.Generator) -> Shapes:
+def random_shapes(
+    count: int, size: int, generator: torch.Generator, families: Sequence[str] = FAMILIES
+) -> Shapes:
     """`count` random shapes on `size x size` pixels.
 
     Args:
         count: how many, >= 1.
         size: pixels along an edge, >= 16.
         generator: the source of chance; the same state gives the same shapes.
+        families: which of `FAMILIES` to draw from.
 
     Returns:
         Heights, normals and masks.
 
     Raises:
-        OutOfRangeError: a count below 1 or a size below 16.
+        OutOfRangeError: a count below 1, a size below 16 or an unknown family.
 
     >>> shapes = random_shapes(2, 32, torch.Generator().manual_seed(0))
     >>> shapes.normal.shape, bool(shapes.mask.any())
@@ -70,9 +75,12 @@ def random_shapes(count: int, size: int, generator: torch.Generator) -> Shapes:
         raise OutOfRangeError("count", str(count), "ask for at least one shape")
     if size < 16:
         raise OutOfRangeError("size", str(size), "use at least 16 pixels along an edge")
-    families = (_blobs, _ellipsoids, _reliefs, _carved)
+    unknown = [family for family in families if family not in FAMILIES]
+    if unknown or not families:
+        raise OutOfRangeError("families", str(list(families)), f"choose some of {FAMILIES}")
+    makers = {"blobs": _blobs, "ellipsoids": _ellipsoids, "reliefs": _reliefs, "carved": _carved}
     choice = torch.randint(0, len(families), (count,), generator=generator).tolist()
-    made = [families[family](size, generator) for family in choice]
+    made = [makers[families[k]](size, generator) for k in choice]
     height = torch.stack([height for height, _ in made])
     inside = torch.stack([mask for _, mask in made])
     return _finished(height, inside)
@@ -83,7 +91,7 @@ def height_to_normals(
 ) -> Float[Tensor, "batch 3 height width"]:
     """Unit normals of orthographic height fields, by `geometry.depth.points_to_normals`.
 
-    >>> height_to_normals(torch.zeros(1, 4, 4))[0, :, 0, 0]
+    >>> height_to_normals(torch.zeros(1, 4, 4))[0, :, 0, 0].abs()
     tensor([0., 0., 1.])
     """
     x, y = _grid(*height.shape[-2:])
@@ -176,8 +184,3 @@ def _carved(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     if torch.rand((), generator=generator) < 0.3:
         detail = -detail.abs()  # grooves with sharp bottoms
     return height + tall * detail, inside
-
-
-def tilted(normal: Float[Tensor, "*batch 3"], by: Tensor) -> Float[Tensor, "*batch 3"]:
-    """Normals with a small random error `by` added, unit again."""
-    return safe_normalize(normal + by)

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 __all__ = ["SingleImages", "photograph_shapes"]
 
 
+#: a relief fills the image and has no outline
+OBJECTS = ("blobs", "ellipsoids", "carved")
+
+
 class SingleImages(NamedTuple):
     """One training batch of the shading network.
 
@@ -56,7 +60,7 @@ def photograph_shapes(
         generator: the source of chance.
         shadows: let the key light cast shadows.
     """
-    shapes = random_shapes(images, size, generator)
+    shapes = random_shapes(images, size, generator, OBJECTS)
     light = torch.stack([random_lights(2, generator) for _ in range(images)])
     mask = shapes.mask.unsqueeze(1).float()
     seen = torch.ones(images, 2, size, size)
@@ -77,7 +81,7 @@ def _shaded(
     power = torch.cat([torch.ones(images, 1), uniform(0, 0.5).reshape(images, 1)], 1)
     stains = _smooth_noise(images, normal.shape[-1], generator) * uniform(0, 0.15)
     albedo = (uniform(0.2, 0.8) * (1 + stains)).clamp(0.02, 0.95)
-    gloss = (uniform(-0.3, 0.3).clamp(min=0) * torch.ones_like(albedo))
+    gloss = uniform(-0.3, 0.3).clamp(min=0) * torch.ones_like(albedo)
     shininess = (2 ** uniform(2, 7)).expand_as(albedo)
     camera = PhongShading(BlinnPhong, DirectionalSource(light, power.unsqueeze(-1)))
     ambient = AmbientShading()(albedo, radiance=uniform(0, 0.1).reshape(images, 1))

@@ -107,11 +107,11 @@ class ShadingTraining:
         checkpoint_every: steps between checkpoints.
     """
 
-    steps: int = 1500
-    images: int = 16
+    steps: int = 1000
+    images: int = 8
     size: int = 64
     shadows: bool = True
-    features: int = 24
+    features: int = 32
     rate: float = 1.5e-3
     seed: int = 1
     checkpoint_every: int = 250
@@ -291,7 +291,7 @@ def _check_steps(steps: int, every: int) -> None:
         raise OutOfRangeError("steps", f"{min(steps, every)}", "use at least 1")
 
 
-class _seeded:  # noqa: N801 (used as a function)
+class _seeded:
     """First weights from a seed, leaving the global generator as it was."""
 
     def __init__(self, seed: int) -> None:

@@ -7,11 +7,16 @@ The integral is a product rule in polar coordinates (alpha, phi) about the *mirr
 where highlights are. alpha is cut into panels that halve towards 0 (so that a lobe of any
 width has panels of its own size) and end at the angles where the hemisphere's edge or the
 lobes have kinks; phi runs over the part of the circle that is above the horizon, with nodes
-crowding about the plane of incidence. Relative error of the default rule, measured: below
-1e-13 for Lambertian and Phong lobes of n = 0, 1 and 2.5..1e6 up to 85 degrees (1e-7 for n
-between 0 and 1, where the lobe has an edge), below 1e-9 for Blinn-Phong up to 80 degrees and
-2e-7 at 85; at 89 degrees 3e-12 and 3e-5. `hemisphere_quadrature` (a rule about the normal) may be given instead
-and is right only for lobes wider than its spacing.
+crowding about the plane of incidence. Relative error of the default rule, measured:
+
+| | up to 80 deg | 85 deg | 89 deg |
+|---|---|---|---|
+| Lambertian; Phong with n = 0, 1 and 2.5 to a million | 10^-13 | 10^-13 | 10^-11 |
+| Phong with 0 < n < 1, whose lobe has an edge | 10^-7 | 10^-7 | 10^-7 |
+| Blinn-Phong | 10^-9 | 2 10^-7 | 3 10^-5 |
+
+`hemisphere_quadrature` (a rule about the normal) may be given instead and is right only for
+lobes wider than its spacing.
 
 References: F. E. Nicodemus et al., NBS Monograph 160 (1977), table 2; H. von Helmholtz (1867)
 for reciprocity.
@@ -42,7 +47,7 @@ __all__ = [
     "reciprocity_error",
 ]
 
-#: panels that halve towards the mirror direction: the last is pi/2 2^-18 = 6e-6 rad wide,
+#: panels that halve towards the mirror direction: the last is pi/2 2^-18 = 6 urad wide,
 #: the width 1/sqrt(n) of a lobe of n = 3e10
 HALVINGS = 18
 #: ratio of width to length of a lobe for which `mirror_quadrature` still has nodes (89.9 deg)
@@ -68,8 +73,8 @@ def mirror_quadrature(angle: float, polar: int = 20, azimuth: int = 64) -> Hemis
         OutOfRangeError: an angle outside 0..pi/2, or fewer than one node.
 
     >>> weight = mirror_quadrature(0.5).weight
-    >>> abs(weight.sum().item() - 2 * math.pi) < 1e-9
-    True
+    >>> round(weight.sum().item() - 2 * math.pi, 9) + 0.0
+    0.0
     """
     if not 0 <= angle <= math.pi / 2:
         raise OutOfRangeError("angle", f"{angle:g}", "give radians in 0..pi/2")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, final
 
+import torch
 from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["LambertianSpecular", "lambertian_specular_reflectance"]
 
 #: rounding of albedo and specular that still counts as albedo + specular = 1
-ROUNDING = 1e-6
+ROUNDING = 8 * torch.finfo(torch.float32).eps
 
 
 def lambertian_specular_reflectance(

@@ -35,7 +35,7 @@ from torch import Tensor
 
 from torchradiometry.materials.base import AbstractMaterial
 from torchradiometry.materials.lobes import above_horizon, mirror_lobe
-from torchradiometry.numerics import dot, tiny
+from torchradiometry.numerics import dot, tiny, wide
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -127,7 +127,7 @@ def original_phong_brdf(
     """BRDF k_s cos^n(alpha) / cos(theta_i), so that the highlight is as Phong wrote it.
 
     Not reciprocal, and unbounded at grazing incidence; the product with the shader's cosine
-    is bounded. Cosines up to sqrt(tiny) of the dtype (1e-19 in float32), below which the
+    is bounded. Cosines up to sqrt(tiny) of the dtype (10^-19 in float32), below which the
     derivative 1/cos^2 is no number, count as below the horizon.
 
     Args:
@@ -150,9 +150,9 @@ def original_phong_brdf(
     tensor([0.5000])
     """
     plain = phong_brdf(specular, shininess, incident_direction, outgoing_direction, normal)
-    cosine = dot(incident_direction, normal).unsqueeze(-1)
+    cosine = dot(*wide(incident_direction, normal)).unsqueeze(-1)
     usable = cosine > math.sqrt(tiny(plain.dtype))
-    return torch.where(usable, plain / torch.where(usable, cosine, 1), 0)
+    return torch.where(usable, plain / torch.where(usable, cosine, 1), 0).to(plain.dtype)
 
 
 @final

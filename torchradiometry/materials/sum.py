@@ -51,13 +51,10 @@ class SumMaterial(AbstractMaterial):
         outgoing_direction: Float[Tensor, "*batch 3"],
         normal: Float[Tensor, "*batch 3"],
     ) -> Float[Tensor, "*batch channel"]:
-        first, *rest = self.materials
-        total: Tensor = first(incident_direction, outgoing_direction, normal)
-        for member in rest:
-            total = total + member(incident_direction, outgoing_direction, normal)
-        return total
+        found = [m(incident_direction, outgoing_direction, normal) for m in self.materials]
+        return sum(found[1:], start=found[0])
 
     def diffuse_albedo(self) -> Float[Tensor, "*batch channel"] | None:
-        parts = [member.diffuse_albedo() for member in self.materials]
-        found = [part for part in parts if part is not None]
-        return sum(found[1:], found[0]) if found else None
+        members = [m for m in self.materials if isinstance(m, AbstractMaterial)]
+        found = [part for m in members if (part := m.diffuse_albedo()) is not None]
+        return sum(found[1:], start=found[0]) if found else None

@@ -135,9 +135,7 @@ def _egl_device() -> int | None:
     if None in pointers:
         return None
     query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
-    display = ctypes.CFUNCTYPE(
-        ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p
-    )
+    display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)
     found, devices = ctypes.c_int(0), (ctypes.c_void_p * 64)()
     query(pointers[0])(64, devices, ctypes.addressof(found))
     egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3

@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import DTypeError, OutOfRangeError, ShapeError
+from torchradiometry.geometry.triangulation import triangulate_polygon
 from torchradiometry.reference.rasterizer import Array, LightRecord, ShadowMap
 from torchradiometry.scene.surface import Surface
 from torchradiometry.sources.base import AbstractSource
@@ -65,9 +66,7 @@ def light_records(
     return records
 
 
-def _records(
-    source: AbstractSource, origin: Array, area_samples: int
-) -> Iterator[LightRecord]:
+def _records(source: AbstractSource, origin: Array, area_samples: int) -> Iterator[LightRecord]:
     zero, cone = np.zeros(3), np.zeros(2)
     if isinstance(source, DirectionalSource):
         towards, power = rows(source.direction, 3), colours(source.irradiance)
@@ -88,9 +87,7 @@ def _records(
         yield from _extended(source, origin, area_samples)
 
 
-def _extended(
-    source: AbstractSource, origin: Array, area_samples: int
-) -> Iterator[LightRecord]:
+def _extended(source: AbstractSource, origin: Array, area_samples: int) -> Iterator[LightRecord]:
     """Polygons and spheres as many emitters; the named error for anything else."""
     if not isinstance(source, (PolygonSource, SphereSource)):
         raise DTypeError(
@@ -99,16 +96,14 @@ def _extended(
             "the rasteriser draws directional, point, spot, polygonal and spherical sources",
         )
     if area_samples == 0:
-        raise OutOfRangeError(
-            "area_samples", f"0 with a {type(source).__name__}", "use at least 1"
-        )
+        raise OutOfRangeError("area_samples", f"0 with a {type(source).__name__}", "use at least 1")
     radiance = colours(source.radiance)
     if isinstance(source, PolygonSource):
         if source.corners.ndim != 3:
             raise ShapeError("scene.sources", "a batched polygon", "pass `light corner 3`")
-        corners, tiles = array(source.corners) - origin, source.triangles.cpu().numpy()
-        for k in range(len(corners)):
-            yield from _emitters(corners[k][tiles[k]], radiance[k], source.two_sided, area_samples)
+        for polygon, glow in zip(source.corners.detach(), radiance, strict=True):
+            corners = array(polygon[triangulate_polygon(polygon)]) - origin
+            yield from _emitters(corners, glow, source.two_sided, area_samples)
         return
     centre, radius = rows(source.center, 3), rows(source.radius, 1)
     for k in range(len(centre)):
@@ -162,14 +157,29 @@ def with_shadows(record: LightRecord, vertices: Array) -> list[LightRecord]:
     far = float(np.linalg.norm(vertices - record.position, axis=-1).max()) * MARGIN
     outer = 2 * math.asin(math.sqrt(min(1.0, record.cone[1] / 2)))
     if record.kind == SPOT and outer < WIDEST:
-        shadow = _near_map(record.position, record.direction, outer * MARGIN, far, SHADOW_SIZE)
+        shadow = _near_map(
+            record.position, record.direction, outer * MARGIN, far, SHADOW_SIZE, np.zeros(3)
+        )
         return [record._replace(shadow=shadow)]
     size = EMITTER_SHADOW_SIZE if record.kind == EMITTER else SHADOW_SIZE
-    maps = [
-        _near_map(record.position, axis, math.pi / 4 * MARGIN, far, size)._replace(face=axis)
+    return [
+        record._replace(
+            shadow=_near_map(record.position, axis, math.pi / 4 * MARGIN, far, size, axis)
+        )
         for axis in np.concatenate([np.eye(3), -np.eye(3)])
+        if _lights_something(record, axis, vertices - record.position, far)
     ]
-    return [record._replace(shadow=shadow) for shadow in maps]
+
+
+def _lights_something(record: LightRecord, axis: Array, offset: Array, far: float) -> bool:
+    """Whether a face of the cube around a light can hold light and surfaces at once."""
+    others = np.eye(3)[axis == 0]
+    if record.kind == EMITTER and not record.two_sided:
+        brightest = axis @ record.direction + np.abs(others @ record.direction).sum()
+        if brightest <= 0:
+            return False
+    sides = np.concatenate([axis + others, axis - others])
+    return bool(((offset @ sides.T).max(0) > -far * 1e-4).all())
 
 
 def _distant_map(towards: Array, vertices: Array) -> ShadowMap:
@@ -188,7 +198,9 @@ def _distant_map(towards: Array, vertices: Array) -> ShadowMap:
     return ShadowMap(view, projection, float(2 * half[2]), texel, np.zeros(3), SHADOW_SIZE)
 
 
-def _near_map(position: Array, axis: Array, half_angle: float, far: float, size: int) -> ShadowMap:
+def _near_map(
+    position: Array, axis: Array, half_angle: float, far: float, size: int, face: Array
+) -> ShadowMap:
     """A camera at the light that looks along `axis`, with an infinite projection."""
     view = np.eye(4)
     view[:3, :3] = frame(-axis)
@@ -198,7 +210,7 @@ def _near_map(position: Array, axis: Array, half_angle: float, far: float, size:
     projection[0, 0] = projection[1, 1] = 1 / tangent
     projection[2] = [0, 0, -1, -2 * near]
     projection[3, 2] = -1
-    return ShadowMap(view, projection, far, 2 * tangent / size, np.zeros(3), size)
+    return ShadowMap(view, projection, far, 2 * tangent / size, face, size)
 
 
 def frame(z: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 from types import ModuleType
+from typing import Any
 
 __all__ = ["OSMesaContext", "number_contexts"]
 
@@ -64,5 +65,6 @@ def number_contexts(platform: ModuleType) -> None:
     def current() -> int:
         return function() or 0
 
-    for holder in (platform, platform.PLATFORM):
-        holder.GetCurrentContext = holder.CurrentContextIsValid = current  # type: ignore[attr-defined]
+    holders: tuple[Any, ...] = (platform, platform.PLATFORM)
+    for holder in holders:
+        holder.GetCurrentContext = holder.CurrentContextIsValid = current

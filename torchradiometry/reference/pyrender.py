@@ -19,24 +19,19 @@ Curved Shadows on Curved Surfaces", SIGGRAPH 1978 (shadow maps).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
-import trimesh
 
-from torchradiometry.errors import DTypeError, ShapeError
-from torchradiometry.geometry.cameras import AbstractCamera, OrthographicCamera, PinholeCamera
+from torchradiometry.errors import DTypeError, IndexRangeError, InvalidValueError, ShapeError
+from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.materials.base import AbstractMaterial
-from torchradiometry.materials.blinn_phong import BlinnPhong
-from torchradiometry.materials.phong import NormalizedPhong, OriginalPhong, Phong
 from torchradiometry.reference.graphics import Graphics, graphics_context
 from torchradiometry.reference.lights import (
     array,
-    colours,
     light_records,
     require_count,
     with_shadows,
@@ -45,25 +40,19 @@ from torchradiometry.reference.rasterizer import (
     LIGHTS_PER_PASS,
     Array,
     LightRecord,
-    SurfaceRecord,
     Targets,
-    mesh_class,
     renderer_class,
     texture_class,
 )
-from torchradiometry.scene.scene import Scene, Triangles
-from torchradiometry.scene.surface import Surface, Texture
+from torchradiometry.reference.stage import LOBES, Gloss, aim, origin_of, stage
+from torchradiometry.scene.scene import Scene
+from torchradiometry.scene.validate import require_none, scene_faults
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
     from torch import Tensor
 
 __all__ = ["ReferenceBuffers", "render_reference"]
-
-#: the numbers of the lobes in shaders/mesh.frag
-LOBES: dict[type, int] = {Phong: 1, NormalizedPhong: 2, OriginalPhong: 3, BlinnPhong: 4}
-#: near plane as a share of the far plane where a surface touches the eye
-NEAREST = 2.0**-20
 
 
 class ReferenceBuffers(NamedTuple):
@@ -87,6 +76,7 @@ class ReferenceBuffers(NamedTuple):
     instance: Int[Tensor, "height width"]
 
 
+@torch.no_grad()
 def render_reference(
     scene: Scene,
     camera: AbstractCamera,
@@ -120,16 +110,21 @@ def render_reference(
         MissingDependencyError: pyrender is not installed.
         DTypeError, ShapeError: a source, camera or material it cannot draw, more than one
             picture, channels other than 1 or 3.
-        ResourceLimitError: a picture larger than OpenGL's limit.
+        InvalidValueError, IndexRangeError: NaN, or faces that name no vertex.
+        OutOfRangeError: a polygonal or spherical source without `area_samples`.
+        EmptySceneError: no triangles.
+        ResourceLimitError: a picture or texture larger than OpenGL's limit.
 
     Differentiable in: nothing.
     Export: no, it calls OpenGL.
     References: see the module.
     """
     require_count(area_samples)
+    faults = scene_faults(scene.surfaces, scene.sources, (camera,))
+    require_none([f for f in faults if f.error in (InvalidValueError, IndexRangeError)])
     glosses = _glosses(scene, materials)
     triangles = scene.triangles
-    origin = _origin(triangles, camera)
+    origin = origin_of(triangles, camera)
     corners = array(triangles.corners) - origin
     lights = light_records(scene.sources, scene.surfaces, origin, area_samples)
     if shadows:
@@ -138,9 +133,9 @@ def render_reference(
     with graphics_context(camera.width, camera.height) as graphics:
         renderer = renderer_class(graphics)(camera.width, camera.height)
         try:
-            _aim(renderer, camera, origin, corners)
-            stage = _stage(graphics, renderer, scene, triangles, corners, glosses)
-            targets, radiance = _draw(graphics, renderer, stage, lights)
+            aim(renderer, camera, origin, corners)
+            staged = stage(graphics, renderer, scene, triangles, corners, glosses)
+            targets, radiance = _draw(graphics, renderer, staged, lights)
         finally:
             renderer.delete()
     return _buffers(targets, radiance, origin, renderer.depth_offset)
@@ -148,149 +143,25 @@ def render_reference(
 
 def _glosses(
     scene: Scene, materials: Sequence[AbstractMaterial | None] | None
-) -> list[AbstractMaterial | None]:
+) -> list[Gloss | None]:
     """One highlight or None per surface."""
     count = len(scene.surfaces)
-    glosses = [None] * count if materials is None else list(materials)
-    if len(glosses) != count:
+    given = [None] * count if materials is None else materials
+    if len(given) != count:
         raise ShapeError(
-            "materials", f"{len(glosses)} for {count} surfaces", "pass one (or None) per surface"
+            "materials", f"{len(given)} for {count} surfaces", "pass one (or None) per surface"
         )
-    for gloss in glosses:
-        if gloss is not None and type(gloss) not in LOBES:
+    glosses: list[Gloss | None] = []
+    for gloss in given:
+        if gloss is not None and not isinstance(gloss, Gloss):
             names = ", ".join(kind.__name__ for kind in LOBES)
             raise DTypeError("materials", f"a {type(gloss).__name__}", f"use {names} or None")
+        glosses.append(gloss)
     return glosses
 
 
-def _origin(triangles: Triangles, camera: AbstractCamera) -> Array:
-    """Where the frame of the pass has its origin, world, m."""
-    if isinstance(camera, PinholeCamera):
-        return array(camera.position)
-    corners = array(triangles.corners).reshape(-1, 3)
-    return (corners.min(0) + corners.max(0)) / 2
-
-
-def _aim(renderer: Any, camera: AbstractCamera, origin: Array, corners: Array) -> None:
-    """View, projection and camera uniforms; near and far planes enclose what is in front."""
-    axes = array(camera.camera_to_world[:3, :3])
-    eye = array(camera.position) - origin
-    depth = (corners - eye) @ -axes[:, 2]
-    far = max(float(depth.max()), 0.0) * 1.001 or 1.0
-    view = np.eye(4)
-    view[:3, :3], view[:3, 3] = axes.T, -axes.T @ eye
-    orthographic = isinstance(camera, OrthographicCamera)
-    offset = 0.0
-    if isinstance(camera, PinholeCamera):
-        near = max(_clearance(camera, corners - eye), NEAREST * far)
-        renderer.projection = _perspective(camera, near)
-    elif isinstance(camera, OrthographicCamera):
-        offset = max(float(depth.min()) - (far - float(depth.min())) * 1e-3, 0.0)
-        renderer.projection = _parallel(camera, far - offset)
-        view[2, 3] += offset  # step forward to just before the scene
-        far -= offset
-    else:
-        raise DTypeError("camera", f"a {type(camera).__name__}", "use a pinhole or orthographic")
-    renderer.view = view
-    renderer.depth_offset = offset
-    renderer.camera_uniforms = {
-        "orthographic": int(orthographic),
-        "eye": eye,
-        "backward": axes[:, 2],
-        "far": far,
-    }
-
-
-def _clearance(camera: PinholeCamera, corners: Array) -> float:
-    """Depth of a near plane that cuts off nothing the camera can see, m."""
-    nearest = trimesh.triangles.closest_point(corners, np.zeros((len(corners), 3)))
-    distance = float(np.nanmin(np.linalg.norm(nearest, axis=-1)))
-    slope = math.tan(camera.yfov / 2) * math.hypot(1, camera.width / camera.height)
-    return 0.99 * distance / math.hypot(1, slope)
-
-
-def _perspective(camera: PinholeCamera, near: float) -> Array:
-    """OpenGL projection without a far plane."""
-    focal = 1 / math.tan(camera.yfov / 2)
-    matrix = np.zeros((4, 4))
-    matrix[0, 0], matrix[1, 1] = focal * camera.height / camera.width, focal
-    matrix[2] = [0, 0, -1, -2 * near]
-    matrix[3, 2] = -1
-    return matrix
-
-
-def _parallel(camera: OrthographicCamera, far: float) -> Array:
-    """OpenGL projection from the plane of the eye to `far`."""
-    matrix = np.diag(
-        [camera.height / camera.width / camera.ymag, 1 / camera.ymag, -2 / far, 1.0]
-    )
-    matrix[2, 3] = -1.0
-    return matrix
-
-
-def _stage(
-    graphics: Graphics,
-    renderer: Any,
-    scene: Scene,
-    triangles: Triangles,
-    corners: Array,
-    glosses: list[AbstractMaterial | None],
-) -> Any:
-    """A pyrender scene with one mesh per surface and a camera that only marks the spot."""
-    pyrender = graphics.pyrender
-    stage = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 0.0])
-    stage.add(pyrender.PerspectiveCamera(yfov=1.0))
-    material = pyrender.MetallicRoughnessMaterial(doubleSided=True, alphaMode="OPAQUE")
-    renderer.surfaces = {}
-    normals = array(triangles.normals)
-    for k, surface in enumerate(scene.surfaces):
-        mine = (triangles.surface == k).cpu().numpy()
-        if not mine.any():
-            continue
-        primitive = pyrender.Primitive(
-            positions=corners[mine].reshape(-1, 3),
-            normals=normals[mine].reshape(-1, 3),
-            texcoord_0=_coordinates(surface),
-            material=material,
-        )
-        node = stage.add(mesh_class(graphics)([primitive]))
-        renderer.surfaces[node] = _record(graphics, k, surface, glosses[k])
-    return stage
-
-
-def _coordinates(surface: Surface) -> Array | None:
-    if surface.texture is None:
-        return None
-    return array(surface.texture.coordinates[surface.faces]).reshape(-1, 2)
-
-
-def _record(
-    graphics: Graphics, k: int, surface: Surface, gloss: AbstractMaterial | None
-) -> SurfaceRecord:
-    albedo, emission = colours(surface.albedo[None])[0], colours(surface.emission[None])[0]
-    specular, shininess, lobe = np.zeros(3), 0.0, 0
-    if gloss is not None:
-        if gloss.specular.ndim != 1 or gloss.shininess.ndim != 1:
-            raise ShapeError("materials", "a material per point", "pass one for the surface")
-        lobe, shininess = LOBES[type(gloss)], float(gloss.shininess)
-        specular = colours(gloss.specular[None])[0]
-    texture = None if surface.texture is None else _texture(graphics, surface.texture, albedo)
-    return SurfaceRecord(
-        k, surface.two_sided, albedo, emission, lobe, specular, shininess, texture
-    )
-
-
-def _texture(graphics: Graphics, texture: Texture, albedo: Array) -> Any:
-    """Albedo times picture in float32, first row at the bottom as OpenGL has it."""
-    image = array(texture.image)[::-1] * albedo
-    made = texture_class(graphics)()
-    made.floats = np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), np.float32)
-    made.wrap = texture.wrap
-    return made
-
-
 def _draw(
-    graphics: Graphics, renderer: Any, stage: Any, lights: list[LightRecord]
+    graphics: Graphics, renderer: Any, staged: Any, lights: list[LightRecord]
 ) -> tuple[Targets, Array]:
     """All passes: the buffers of the first, and the sum of the radiance of all."""
     first: Targets | None = None
@@ -302,14 +173,14 @@ def _draw(
     for batch in _batches(lights):
         renderer.lights = batch
         shadow = bool(batch) and batch[0].shadow is not None
-        lamp = stage.add(_lamp(graphics, batch[0])) if shadow else None
+        lamp = staged.add(_lamp(graphics, batch[0])) if shadow else None
         mode = flags.OFFSCREEN | (flags.SHADOWS_DIRECTIONAL | flags.SHADOWS_SPOT) * shadow
-        targets = renderer.render(stage, mode)
+        targets = renderer.render(staged, mode)
         radiance += targets.radiance[..., :3]
         first = first or targets
         renderer.geometry_known = True
         if lamp is not None:
-            stage.remove_node(lamp)
+            staged.remove_node(lamp)
     for texture in textures:
         texture.delete()
     assert first is not None

@@ -24,7 +24,15 @@ from numpy.typing import NDArray
 from torchradiometry.errors import ResourceLimitError
 from torchradiometry.reference.graphics import Graphics
 
-__all__ = ["LightRecord", "ShadowMap", "SurfaceRecord", "Targets", "mesh_class", "renderer_class", "texture_class"]
+__all__ = [
+    "LightRecord",
+    "ShadowMap",
+    "SurfaceRecord",
+    "Targets",
+    "mesh_class",
+    "renderer_class",
+    "texture_class",
+]
 
 SHADERS = Path(__file__).parent / "shaders"
 #: MAX_LIGHTS in shaders/mesh.frag
@@ -90,25 +98,27 @@ def _configure_main_framebuffer(self: Any) -> None:
     if self._main_fb is not None:
         return
     gl, width, height = self.gl, self.viewport_width, self.viewport_height
-    limit = int(gl.glGetIntegerv(gl.GL_MAX_RENDERBUFFER_SIZE))
-    if max(width, height) > limit:
-        raise ResourceLimitError(
-            "camera", f"{width} x {height} pixels", f"this OpenGL draws at most {limit} a side"
-        )
+    _require_small(gl, "camera", width, height, gl.GL_MAX_RENDERBUFFER_SIZE)
     self._main_cb = [int(b) for b in np.atleast_1d(gl.glGenRenderbuffers(5))]
     self._main_fb = self._main_fb_ms = int(gl.glGenFramebuffers(1))
     self._main_fb_dims = (width, height)
     gl.glBindFramebuffer(gl.GL_FRAMEBUFFER, self._main_fb)
     colours = [gl.GL_COLOR_ATTACHMENT0 + i for i in range(4)]
-    for buffer, attachment in zip(
-        self._main_cb, [*colours, gl.GL_DEPTH_ATTACHMENT], strict=True
-    ):
+    for buffer, attachment in zip(self._main_cb, [*colours, gl.GL_DEPTH_ATTACHMENT], strict=True):
         depth = attachment == gl.GL_DEPTH_ATTACHMENT
         gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, buffer)
         storage = gl.GL_DEPTH_COMPONENT32F if depth else gl.GL_RGBA32F
         gl.glRenderbufferStorage(gl.GL_RENDERBUFFER, storage, width, height)
         gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, attachment, gl.GL_RENDERBUFFER, buffer)
     gl.glDrawBuffers(4, np.array(colours, np.uint32))
+
+
+def _require_small(gl: Any, what: str, width: int, height: int, name: int) -> None:
+    """Raise `ResourceLimitError` for a picture larger than OpenGL's limit `name`."""
+    limit = int(gl.glGetIntegerv(name))
+    if max(width, height) > limit:
+        got = f"{width} x {height} pixels"
+        raise ResourceLimitError(what, got, f"this OpenGL draws at most {limit} a side")
 
 
 def _delete_main_framebuffer(self: Any) -> None:
@@ -199,9 +209,7 @@ def _bind_and_draw_primitive(
     if self.lights and self.lights[0].shadow is not None:
         program.set_uniform("light_far", self.lights[0].shadow.far)
     depth_only = self.graphics.pyrender.RenderFlags.DEPTH_ONLY
-    self.base._bind_and_draw_primitive(
-        self, primitive, pose, program, flags & ~depth_only
-    )
+    self.base._bind_and_draw_primitive(self, primitive, pose, program, flags & ~depth_only)
 
 
 @functools.cache
@@ -240,6 +248,7 @@ def texture_class(graphics: Graphics) -> type:
         kept = gl.GL_DEPTH_COMPONENT32F if depth else gl.GL_RGB32F
         given = gl.GL_DEPTH_COMPONENT if depth else gl.GL_RGB
         height, width = (self.height, self.width) if depth else self.floats.shape[:2]
+        _require_small(gl, "texture", width, height, gl.GL_MAX_TEXTURE_SIZE)
         filtering = gl.GL_NEAREST if depth else gl.GL_LINEAR
         wrap = {
             "repeat": gl.GL_REPEAT,

@@ -194,7 +194,9 @@ def sky_visibility(
         return torch.ones_like(position[:, 0])
     count = settings.sky_samples
     shift = torch.rand(len(position), 1, 2, generator=generator, dtype=torch.float64)
-    direction = cosine_directions((sequence(count, 2, position) + shift.to(position)).frac(), normal)
+    direction = cosine_directions(
+        (sequence(count, 2, position) + shift.to(position)).frac(), normal
+    )
     start = rays.lift(position, facet).unsqueeze(1)
     target = rays.beyond(start, direction)
     return rays.visible(start, target).to(position).mean(-1)

@@ -57,7 +57,9 @@ class Lattice(NamedTuple):
     owner: Int[Tensor, "vertex"]
 
 
-def build_lattice(corners: Float[Tensor, "triangle 3 3"], splits: Int[Tensor, "triangle"]) -> Lattice:
+def build_lattice(
+    corners: Float[Tensor, "triangle 3 3"], splits: Int[Tensor, "triangle"]
+) -> Lattice:
     """The grid of triangles, each with its own number of splits.
 
     Differentiable in: corners.
@@ -161,7 +163,9 @@ def vertex_values(
 
     def around(field: Tensor) -> Tensor:
         spread = field.unsqueeze(1).expand(-1, 3, -1).reshape(len(flat), -1) * share
-        return guarded_divide(value.new_zeros(count, field.shape[-1]).index_add(0, flat, spread), total)
+        return guarded_divide(
+            value.new_zeros(count, field.shape[-1]).index_add(0, flat, spread), total
+        )
 
     found = around(value)
     for _ in range(CORRECTIONS):

@@ -80,9 +80,7 @@ class SurfacePoints(NamedTuple):
     facet: Float[Tensor, "ray 3"]
 
 
-def render(
-    scene: Scene, camera: AbstractCamera, settings: RenderSettings | None = None
-) -> Picture:
+def render(scene: Scene, camera: AbstractCamera, settings: RenderSettings | None = None) -> Picture:
     """The picture of a scene.
 
     Args:

@@ -3,8 +3,8 @@
 A triangle has a front; a two-sided one also has a back that reflects and emits. The back of a
 one-sided triangle is black: it blocks, and a ray that meets it sees nothing.
 
-An emitting triangle that lies exactly in the plane of another triangle (a lamp drawn into the
-ceiling) is moved to its front by four times the rays' tolerance, 2^-16 of the scene's half
+An emitting triangle that lies exactly on another triangle (a lamp drawn onto the ceiling) is
+moved to its front by four times the rays' tolerance, 2^-16 of the scene's half
 diagonal, so that it covers what lies behind it.
 """
 
@@ -22,6 +22,7 @@ from torchradiometry.scene.scene import Scene, Triangles
 from torchradiometry.transport.brute_force import BruteForceRays
 from torchradiometry.transport.embree import EmbreeRays
 from torchradiometry.transport.rays import RELATIVE_TOLERANCE, AbstractRayCaster
+from torchradiometry.transport.rules import patch_points
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
@@ -76,9 +77,7 @@ class World(NamedTuple):
 def prepare(scene: Scene, settings: RenderSettings) -> World:
     """Float64 triangles, ray caster and one-sided faces of a scene."""
     found = scene.triangles
-    triangles = Triangles(
-        *(t.to(torch.float64) if t.is_floating_point() else t for t in found)
-    )
+    triangles = Triangles(*(t.to(torch.float64) if t.is_floating_point() else t for t in found))
     corners = triangles.corners
     normal = safe_normalize(_cross(corners))
     corners = corners + _nudge(triangles, normal)
@@ -113,17 +112,31 @@ def _ray_caster(corners: Tensor, settings: RenderSettings) -> tuple[AbstractRayC
 
 @torch.no_grad()
 def _nudge(triangles: Triangles, normal: Tensor) -> Float[Tensor, "triangle 1 3"]:
-    """How far each triangle moves: emitters that are coplanar with something else, forwards."""
+    """How far each triangle moves: emitters that lie on something else, forwards."""
     corners = triangles.corners
     points = corners.reshape(-1, 3)
     size = float(safe_norm(points.amax(0) - points.amin(0))) / 2
     emits = (triangles.emission > 0).any(-1)
-    moved = torch.zeros_like(normal)
     others = torch.nonzero(~emits).squeeze(-1)
+    moved = torch.zeros_like(normal)
     offset = (normal * corners[:, 0]).sum(-1)
     for block in torch.nonzero(emits).squeeze(-1).split(256):
         parallel = (normal[block] @ normal[others].mT).abs() > 1 - COPLANAR
         distance = (corners[block].mean(1) @ normal[others].mT - offset[others]).abs()
-        touches = (parallel & (distance < size * RELATIVE_TOLERANCE)).any(-1, keepdim=True)
-        moved[block] = torch.where(touches, normal[block], 0)
+        a, b = torch.nonzero(parallel & (distance < size * RELATIVE_TOLERANCE), as_tuple=True)
+        a, b = block[a], others[b]
+        hit = a[_overlap(corners[a], corners[b]) | _overlap(corners[b], corners[a])]
+        moved[hit] = normal[hit]
     return (moved * (NUDGE * size * RELATIVE_TOLERANCE)).unsqueeze(1)
+
+
+def _overlap(first: Tensor, second: Tensor) -> Bool[Tensor, "pair"]:
+    """Whether points spread over the first triangle lie inside the coplanar second."""
+    point = patch_points(first, 5, 2).position
+    normal = _cross(second).unsqueeze(1)
+    following = second.roll(-1, 1)
+    inside = torch.ones_like(point[..., 0], dtype=torch.bool)
+    for a, b in zip(second.unbind(1), following.unbind(1), strict=True):
+        edge = torch.linalg.cross((b - a).unsqueeze(1).expand_as(point), point - a.unsqueeze(1))
+        inside = inside & ((edge * normal).sum(-1) > 0)
+    return inside.any(-1)

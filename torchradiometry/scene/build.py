@@ -18,7 +18,7 @@ from torchradiometry.errors import OutOfRangeError, ShapeError
 from torchradiometry.geometry.cameras import PinholeCamera, look_at
 from torchradiometry.numerics import safe_normalize
 from torchradiometry.scene.scene import Scene
-from torchradiometry.scene.surface import Surface, colour
+from torchradiometry.scene.surface import Surface, colours
 from torchradiometry.sources.point import PointSource
 
 if TYPE_CHECKING:
@@ -68,8 +68,7 @@ def quad(
     points = points.reshape(-1, 3)
     first = torch.arange(0, len(points), 4, device=points.device).reshape(-1, 1, 1)
     faces = first + torch.tensor([[0, 1, 2], [0, 2, 3]], device=points.device)
-    paint = colour(albedo, points.dtype).to(points.device)
-    shine = colour(emission, points.dtype).to(points.device)
+    paint, shine = (c.to(points.device) for c in colours(albedo, emission, dtype=points.dtype))
     return Surface(name, points, faces.reshape(-1, 3), paint, shine, two_sided=two_sided)
 
 
@@ -144,13 +143,14 @@ def sphere(
         raise OutOfRangeError("subdivisions", f"{subdivisions!r}", "use 0 to 7")
     dtype = dtype or torch.get_default_dtype()
     ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    paint, shine = colours(albedo, emission, dtype=dtype)
     normals = safe_normalize(torch.tensor(ball.vertices, dtype=dtype))
     return Surface(
         name,
         normals * radius + torch.tensor(centre, dtype=dtype),
         torch.tensor(ball.faces, dtype=torch.int64),
-        colour(albedo, dtype),
-        colour(emission, dtype),
+        paint,
+        shine,
         normals if smooth else None,
     )
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from torchradiometry.files import srgb_to_linear
 from torchradiometry.scene.gltf_nodes import mirrors, transformed_normals, transformed_points
-from torchradiometry.scene.surface import Surface, Texture, colour
+from torchradiometry.scene.surface import Surface, Texture, colours
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -30,6 +30,7 @@ GREY = 0.5
 UNSET = (102, 102, 102, 255)
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def surface_from_trimesh(
     mesh: trimesh.Trimesh,
     *,
@@ -59,20 +60,23 @@ def surface_from_trimesh(
     dtype = dtype or torch.get_default_dtype()
     matrix = np.eye(4) if transform is None else np.asarray(transform, dtype=np.float64)
     faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    points = np.asarray(mesh.vertices, dtype=np.float64)
+    open_border = two_sided is None and not _is_closed(points, faces)
     if mirrors(matrix):
         faces = faces[:, [0, 2, 1]]
     normals = _given_normals(mesh)
     if normals is not None:
         normals = transformed_normals(matrix, normals)
     texture = _texture(mesh, dtype) if albedo is None else None
+    paint, shine = colours(_albedo(mesh) if albedo is None else albedo, emission, dtype=dtype)
     return Surface(
         name,
-        _tensor(transformed_points(matrix, np.asarray(mesh.vertices, dtype=np.float64)), dtype),
+        _tensor(transformed_points(matrix, points), dtype),
         _tensor(faces, torch.int64),
-        colour(_albedo(mesh) if albedo is None else albedo, dtype),
-        colour(emission, dtype),
+        paint,
+        shine,
         None if normals is None else _tensor(normals, dtype),
-        not _is_closed(mesh) if two_sided is None else two_sided,
+        open_border if two_sided is None else two_sided,
         texture,
     )
 
@@ -123,10 +127,16 @@ def _texture(mesh: trimesh.Trimesh, dtype: torch.dtype) -> Texture | None:
     return Texture(_tensor(picture, dtype), _tensor(np.asarray(mesh.visual.uv), dtype))
 
 
-def _is_closed(mesh: trimesh.Trimesh) -> bool:
-    """Whether every edge has two faces, once vertices in the same place count as one."""
-    if not len(mesh.faces) or not np.isfinite(mesh.vertices).all():
+def _is_closed(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> bool:
+    """Whether every edge is run through as often forwards as backwards.
+
+    Vertices in the same place count as one, and faces that then repeat a corner as none.
+    """
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
         return False
-    merged = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    merged.merge_vertices()
-    return bool(merged.is_watertight)
+    _, place = np.unique(vertices, axis=0, return_inverse=True)
+    a, b, c = place.reshape(-1)[faces].T
+    proper = (a != b) & (b != c) & (c != a)
+    start, end = (np.concatenate(t)[np.tile(proper, 3)] for t in ((a, b, c), (b, c, a)))
+    forwards, backwards = start * len(vertices) + end, end * len(vertices) + start
+    return bool(np.array_equal(np.sort(forwards), np.sort(backwards)))

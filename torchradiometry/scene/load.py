@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 
+import numpy as np
 import torch
 import trimesh
 from trimesh.resolvers import Resolver
@@ -32,6 +33,8 @@ from torchradiometry.scene.scene import Scene
 
 __all__ = ["SCENE_ENDINGS", "load_scene"]
 
+#: formats that are text throughout
+TEXT_FORMATS = ("obj", "off")
 GLTF_ENDINGS = (".gltf", ".glb")
 #: archives, which may unpack to any size; drawings and point clouds, which have no faces
 LEFT_OUT = ("zip", "gz", "bz2", "dxf", "svg", "xyz", "gltf", "glb")
@@ -45,6 +48,7 @@ SCENE_ENDINGS = GLTF_ENDINGS + tuple(
 )
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def load_scene(path: str | Path, *, dtype: torch.dtype | None = None) -> Scene:
     """The scene that a file describes, in world space.
 
@@ -95,7 +99,8 @@ class _Beside(Resolver):
         if path is None:
             mend = "only files inside the folder of the mesh are opened"
             raise FileFormatError(str(name), "an address outside", mend)
-        return check_readable(path, "material or texture").read_bytes()
+        data = check_readable(path, "material or texture").read_bytes()
+        return _as_utf8(data) if path.suffix.lower() == ".mtl" else data
 
     def write(self, name: str, data: object) -> None:
         raise NotImplementedError
@@ -107,24 +112,38 @@ class _Beside(Resolver):
         return [child.name for child in self.folder.iterdir() if child.is_file()]
 
 
+def _as_utf8(text: bytes) -> bytes:
+    """Text in UTF-8; anything else is read as Latin-1, in which every byte is a letter."""
+    try:
+        text.decode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1").encode()
+    return text
+
+
 def _load_mesh(path: Path, dtype: torch.dtype) -> Scene:
     """A plain mesh through trimesh, with the transforms of its parts applied."""
-    stream = io.BytesIO(path.read_bytes())
+    data, ending = path.read_bytes(), path.suffix[1:].lower()
+    stream = io.BytesIO(_as_utf8(data) if ending in TEXT_FORMATS else data)
     try:
         loaded = trimesh.load_scene(
-            stream, file_type=path.suffix[1:].lower(), resolver=_Beside(path.parent), process=False
+            stream, file_type=ending, resolver=_Beside(path.parent), process=False
         )
         graph = [(name, *loaded.graph[name]) for name in loaded.graph.nodes_geometry]
     except RadiometryError:
         raise
     except Exception as error:
-        got = f"no mesh ({type(error).__name__}: {error})"
+        # trimesh guesses the encoding of what is no text by a library that need not be there
+        cause = "damaged data" if isinstance(error, ImportError) else f"{error}"
+        got = f"no mesh ({cause})".replace("\n", " ")
         raise FileFormatError(str(path), got[:300], "pass a mesh file") from error
     parts = [
         (node, matrix, loaded.geometry[key])
         for node, matrix, key in graph
         if isinstance(loaded.geometry[key], trimesh.Trimesh)
     ]
+    if any(mesh.vertices.ndim != 2 or mesh.vertices.shape[1] != 3 for _, _, mesh in parts):
+        raise FileFormatError(str(path), "vertices without three numbers", "pass a mesh file")
     total = sum(len(mesh.vertices) + 3 * len(mesh.faces) for _, _, mesh in parts)
     if total > MAX_ELEMENTS:
         mend = f"simplify the mesh to {MAX_ELEMENTS}"

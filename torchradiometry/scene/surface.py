@@ -19,7 +19,7 @@ from torchradiometry.errors import DTypeError, OutOfRangeError, ShapeError
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["WRAPS", "Surface", "Texture", "colour"]
+__all__ = ["WRAPS", "Surface", "Texture", "colours"]
 
 WRAPS = ("repeat", "mirror", "clamp")
 
@@ -90,10 +90,10 @@ class Surface:
     texture: Texture | None = None
 
     def __post_init__(self) -> None:
-        if self.emission is None:
-            object.__setattr__(self, "emission", torch.zeros_like(self.albedo))
         require_shape(f"{self.name}.vertices", self.vertices, ("vertex", 3))
         require_shape(f"{self.name}.albedo", self.albedo, ("channel",))
+        if self.emission is None:
+            object.__setattr__(self, "emission", torch.zeros_like(self.albedo))
         require_shape(f"{self.name}.emission", self.emission, ("channel",))
         if self.faces.ndim != 2 or self.faces.shape[-1] != 3:
             got = f"a tensor of shape {tuple(self.faces.shape)}"
@@ -144,14 +144,15 @@ class Surface:
         )
 
 
-def colour(value: object, dtype: torch.dtype | None = None) -> Tensor:
-    """A colour of three channels from a number, or the channels that were given.
+def colours(*values: object, dtype: torch.dtype | None = None) -> list[Tensor]:
+    """Colours that go together: a bare number has the channels of the others, or three.
 
-    >>> colour(0.5), colour([0.1, 0.2])
-    (tensor([0.5000, 0.5000, 0.5000]), tensor([0.1000, 0.2000]))
+    >>> colours(0.5, [0.1, 0.2]), colours(1.0)
+    ([tensor([0.5000, 0.5000]), tensor([0.1000, 0.2000])], [tensor([1., 1., 1.])])
     """
-    tensor = torch.as_tensor(value, dtype=dtype or torch.get_default_dtype())
-    return tensor.expand(3).clone() if tensor.ndim == 0 else tensor
+    tensors = [torch.as_tensor(v, dtype=dtype or torch.get_default_dtype()) for v in values]
+    channels = max((t.shape[-1] for t in tensors if t.ndim), default=3)
+    return [t if t.ndim else t.expand(channels).clone() for t in tensors]
 
 
 def moved(tensor: Tensor, dtype: torch.dtype | None, device: object) -> Tensor:

@@ -59,9 +59,7 @@ class Direct:
             form_factors.unsqueeze(-3)
         )
         right = exitance.mT.unsqueeze(-1)
-        solved, info = torch.linalg.solve_ex(
-            system, torch.cat((right, torch.ones_like(right)), -1)
-        )
+        solved, info = torch.linalg.solve_ex(system, torch.cat((right, torch.ones_like(right)), -1))
         radiosity, ones = solved[..., 0].mT, solved[..., 1].detach()
         limit = 1 / (max(patches, 1) * torch.finfo(ones.dtype).eps)
         norm = ones.abs().amax(-1)

@@ -30,6 +30,7 @@ from torchradiometry.sources.polygon import (
 )
 from torchradiometry.sources.sphere import (
     SphereSource,
+    fibonacci_directions,
     sphere_arrival,
     sphere_samples,
     sphere_vector_irradiance,
@@ -53,13 +54,14 @@ __all__ = [
     "directional_arrival",
     "directional_irradiance",
     "dome_arrival",
+    "fibonacci_directions",
     "harmonic_arrival",
     "harmonic_basis",
     "irradiance",
     "lamp_radius",
     "light_first",
-    "point_arrival",
     "place_samples",
+    "point_arrival",
     "polygon_arrival",
     "polygon_samples",
     "project_harmonics",

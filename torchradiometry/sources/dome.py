@@ -57,7 +57,9 @@ def dome_arrival(
     if up is not None:
         towards = light_first(safe_normalize(up), normal)
         share = (1 + dot(towards, normal).unsqueeze(-1)).clamp(min=0) / 2
-    irradiance = math.pi * light_first(radiance, normal) * share
+    # a tensor: the ONNX exporter would round a Python number to float32
+    pi = torch.tensor(math.pi, dtype=normal.dtype, device=normal.device)
+    irradiance = pi * light_first(radiance, normal) * share
     direction = normal.expand(irradiance.shape[0], *normal.shape)
     return Arrival(direction, irradiance, torch.full_like(direction[..., 0], torch.inf))
 

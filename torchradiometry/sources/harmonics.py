@@ -9,9 +9,10 @@ The real, orthonormal basis in the order (l, m) = (0,0), (1,-1), (1,0), (1,1), (
     sqrt(15/4pi) xy, sqrt(15/4pi) yz, sqrt(5/16pi) (3 z^2 - 1), sqrt(15/4pi) xz,
     sqrt(15/16pi) (x^2 - y^2)
 
-A is the clamped cosine in the same basis: Lambertian surfaces forget what is finer, at most
-3 % of the light of a single distant source on average over the normals (A_3 = 0,
-A_4 = -pi/24). Where the cut series rings below zero the irradiance is clamped to 0.
+A is the clamped cosine in the same basis: Lambertian surfaces forget what is finer (A_3 = 0,
+A_4 = -pi/24). Of a single distant source, the worst case, the nine hold 99.2 % of the squared
+irradiance; the root mean square error over all normals is 8.8 % of its root mean square.
+Where the cut series rings below zero the irradiance is clamped to 0.
 
 References: R. Ramamoorthi and P. Hanrahan, "An Efficient Representation for Irradiance
 Environment Maps", SIGGRAPH 2001, eq. 3, 8 and 9; R. Basri and D. Jacobs, "Lambertian Reflectance
@@ -40,10 +41,16 @@ __all__ = [
 ]
 
 _Y0 = math.sqrt(1 / (4 * math.pi))
-_Y1 = math.sqrt(3 / (4 * math.pi))
-_Y2 = math.sqrt(15 / (4 * math.pi))
-_Y20 = math.sqrt(5 / (16 * math.pi))
-_Y22 = math.sqrt(15 / (16 * math.pi))
+#: Factors of 1; y, z, x; xy, yz, 3 z^2 - 1, xz, x^2 - y^2 that make the nine orthonormal.
+_NORM = (
+    _Y0,
+    *(math.sqrt(3) * _Y0,) * 3,
+    math.sqrt(15) * _Y0,
+    math.sqrt(15) * _Y0,
+    math.sqrt(5) / 2 * _Y0,
+    math.sqrt(15) * _Y0,
+    math.sqrt(15) / 2 * _Y0,
+)
 #: A_l of each of the nine, in sr: Ramamoorthi and Hanrahan (2001), eq. 8.
 _COSINE = (math.pi, *(2 * math.pi / 3,) * 3, *(math.pi / 4,) * 5)
 
@@ -65,18 +72,10 @@ def harmonic_basis(direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batc
     tensor([0.2821, 0.4886, 0.6308])
     """
     x, y, z = direction.unbind(-1)
-    values = (
-        _Y0 * torch.ones_like(x),
-        _Y1 * y,
-        _Y1 * z,
-        _Y1 * x,
-        _Y2 * x * y,
-        _Y2 * y * z,
-        _Y20 * (3 * z * z - 1),
-        _Y2 * x * z,
-        _Y22 * (x - y) * (x + y),
-    )
-    return torch.stack(values, -1)
+    one = torch.ones_like(x)
+    shape = (one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, (x - y) * (x + y))
+    norm = torch.tensor(_NORM, dtype=direction.dtype, device=direction.device)
+    return torch.stack(shape, -1) * norm
 
 
 def project_harmonics(

@@ -49,11 +49,17 @@ from torchradiometry.sources.extended import (
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["SphereSource", "sphere_arrival", "sphere_samples", "sphere_vector_irradiance"]
+__all__ = [
+    "SphereSource",
+    "fibonacci_directions",
+    "sphere_arrival",
+    "sphere_samples",
+    "sphere_vector_irradiance",
+]
 
-#: Series are used below this argument; 14 terms leave less than 0.25^28 / 29 < 1e-18.
+#: Series are used below this argument; 14 terms of the arctangent's leave less than
+#: 0.25^28 / 29 < 1e-18.
 _SMALL = 0.25
-_TERMS = 14
 #: Above this k = tan(sigma) sin(omega) the terms of E no longer cancel.
 _STEEP = 2.0
 
@@ -95,9 +101,15 @@ def sphere_vector_irradiance(
         torch.where(cut, s, 0.5), torch.where(cut, cosine, 0), torch.where(cut, lateral, 1)
     )
     along = guarded_divide(forward, torch.where(cut, lateral, 1)).unsqueeze(-1) * level
-    whole = (math.pi * torch.where(cosine > 0, s * s, 0)).unsqueeze(-1) * towards
+    pi = _pi(s)
+    whole = (pi * torch.where(cosine > 0, s * s, 0)).unsqueeze(-1) * towards
     phi = torch.where(cut.unsqueeze(-1), upright.unsqueeze(-1) * normal + along, whole)
-    return torch.where(inside.unsqueeze(-1), math.pi * normal, phi).to(dtype)
+    return torch.where(inside.unsqueeze(-1), pi * normal, phi).to(dtype)
+
+
+def _pi(like: Tensor) -> Tensor:
+    """Pi in the dtype; the ONNX exporter rounds a Python number to float32."""
+    return torch.tensor(math.pi, dtype=like.dtype, device=like.device)
 
 
 def _cut_components(s: Tensor, cosine: Tensor, lateral: Tensor) -> tuple[Tensor, Tensor]:
@@ -115,34 +127,40 @@ def _cut_components(s: Tensor, cosine: Tensor, lateral: Tensor) -> tuple[Tensor,
     return torch.where(steep, plain, gentle), forward
 
 
+#: x - atan(x), sin(x) - x cos(x) and x - sin(x) as x (a_1 t - a_2 t^2 + ...), t = x^2.
+_ARCTANGENT = tuple(1 / (2 * k + 1) for k in range(1, 15))
+_SINE_MINUS = tuple(2 * k / math.factorial(2 * k + 1) for k in range(1, 8))
+_MINUS_SINE = tuple(1 / math.factorial(2 * k + 1) for k in range(1, 8))
+
+
+def _alternating(coefficients: tuple[float, ...], x: Tensor) -> Tensor:
+    """x (a_1 x^2 - a_2 x^4 + ...); a tensor, for ONNX rounds Python numbers to float32."""
+    series = torch.zeros_like(x)
+    held = torch.tensor(coefficients, dtype=x.dtype, device=x.device)
+    for coefficient in reversed(held.unbind()):
+        series = x * x * (coefficient - series)
+    return x * series
+
+
 def _minus_arctangent(x: Tensor) -> Tensor:
-    """x - atan(x) for x >= 0, exact for small x: x^3/3 - x^5/5 + ..."""
+    """x - atan(x) for x >= 0, exact for small x."""
     small = x < _SMALL
-    t = torch.where(small, x, 0)
-    series = torch.zeros_like(t)
-    for k in range(_TERMS, 0, -1):
-        series = t * t * (1 / (2 * k + 1) - series)
-    return torch.where(small, t * series, x - angle_of(x, torch.ones_like(x)))
+    series = _alternating(_ARCTANGENT, torch.where(small, x, 0))
+    return torch.where(small, series, x - angle_of(x, torch.ones_like(x)))
 
 
 def _sine_minus(psi: Tensor, sine: Tensor, cosine: Tensor) -> Tensor:
-    """sin(psi) - psi cos(psi) for psi >= 0, exact for small psi: psi^3/3 - psi^5/30 + ..."""
+    """sin(psi) - psi cos(psi) for psi >= 0, exact for small psi."""
     small = psi < _SMALL
-    t = torch.where(small, psi, 0)
-    series = torch.zeros_like(t)
-    for k in range(_TERMS // 2, 0, -1):
-        series = t * t * (2 * k / math.factorial(2 * k + 1) - series)
-    return torch.where(small, t * series, sine - psi * cosine)
+    series = _alternating(_SINE_MINUS, torch.where(small, psi, 0))
+    return torch.where(small, series, sine - psi * cosine)
 
 
 def _minus_sine(psi: Tensor, sine: Tensor, cosine: Tensor) -> Tensor:
-    """psi - sin(psi) cos(psi) for psi >= 0, exact for small psi: 2 psi^3/3 - ..."""
+    """psi - sin(psi) cos(psi) for psi >= 0, exact for small psi: half of 2 psi - sin(2 psi)."""
     small = psi < _SMALL
-    t = 2 * torch.where(small, psi, 0)
-    series = torch.zeros_like(t)
-    for k in range(_TERMS // 2, 0, -1):
-        series = t * t * (1 / math.factorial(2 * k + 1) - series)
-    return torch.where(small, t * series / 2, psi - sine * cosine)
+    series = _alternating(_MINUS_SINE, 2 * torch.where(small, psi, 0)) / 2
+    return torch.where(small, series, psi - sine * cosine)
 
 
 def sphere_arrival(
@@ -194,9 +212,9 @@ def sphere_samples(
     radiance: Float[Tensor, "*batch light channel"],
     position: Float[Tensor, "*batch point 3"],
     normal: Float[Tensor, "*batch point 3"],
-    samples: int,
+    outward: Float[Tensor, "sample 3"],
 ) -> Arrival:
-    """Spheres as `samples` small emitters each, of equal area, on a Fibonacci lattice.
+    """Spheres as small emitters of equal area, one for each direction from the centre.
 
     E = L cos(source) (4 pi radius^2 / samples) / r^2; those that face away give 0.
 
@@ -206,20 +224,14 @@ def sphere_samples(
         radiance: W/m2/sr.
         position: m.
         normal: only its shape is used.
-        samples: emitters per sphere, >= 1.
+        outward: unit, evenly spread (`fibonacci_directions`).
 
     Returns:
         The arrival with `light * samples` rows, the samples of one light together.
 
     Differentiable in: center, radius, radiance, position.
     Export: compile yes, ONNX yes.
-    References: Gonzalez (2010), eq. 1.
     """
-    step = torch.arange(samples, dtype=position.dtype, device=position.device)
-    height = 1 - (2 * step + 1) / samples
-    turn = math.pi * (3 - math.sqrt(5)) * step
-    ring = safe_sqrt((1 - height) * (1 + height))
-    outward = torch.stack((ring * torch.cos(turn), ring * torch.sin(turn), height), -1)
     size = light_first(radius, position)
     offset = light_first(center, position) - position
     path = offset.unsqueeze(-2) + size.unsqueeze(-1) * outward
@@ -229,8 +241,32 @@ def sphere_samples(
     inside = dot(offset, offset).unsqueeze(-1) < size * size
     facing = torch.where(inside, facing.abs(), facing.clamp(min=0))
     share = guarded_divide(size, distance)
-    strength = (4 * math.pi / samples) * facing * share * share
+    strength = 4 * _pi(facing) / outward.shape[-2] * facing * share * share
     return Arrival(*sample_rows(direction, strength, distance, light_first(radiance, position)))
+
+
+def fibonacci_directions(samples: int, dtype: torch.dtype) -> Float[Tensor, "sample 3"]:
+    """Directions that stand for equal areas of the unit sphere.
+
+    z_k = 1 - (2 k + 1) / samples, each a golden angle, pi (3 - sqrt 5), further round.
+
+    Args:
+        samples: how many, >= 1.
+        dtype: of the answer.
+
+    Returns:
+        Unit vectors.
+
+    References: Gonzalez (2010), eq. 1.
+
+    >>> fibonacci_directions(2, torch.float32)[:, 2]
+    tensor([ 0.5000, -0.5000])
+    """
+    step = torch.arange(samples, dtype=torch.float64)
+    height = 1 - (2 * step + 1) / samples
+    turn = math.pi * (3 - math.sqrt(5)) * step
+    ring = safe_sqrt((1 - height) * (1 + height))
+    return torch.stack((ring * torch.cos(turn), ring * torch.sin(turn), height), -1).to(dtype)
 
 
 @final
@@ -257,6 +293,7 @@ class SphereSource(AbstractSource):
     center: Tensor
     radius: Tensor
     radiance: Tensor
+    outward: Tensor
 
     def __init__(
         self,
@@ -274,6 +311,9 @@ class SphereSource(AbstractSource):
         self._hold("center", center, learnable, last=3)
         self._hold("radius", radius, learnable, last=1)
         self._hold("radiance", radiance, learnable)
+        if samples > 1:
+            outward = fibonacci_directions(samples, self.center.dtype).to(self.center.device)
+            self.register_buffer("outward", outward)
         require_non_negative("radius", self.radius, "m")
         require_non_negative("radiance", self.radiance, "W/m2/sr")
 
@@ -289,7 +329,7 @@ class SphereSource(AbstractSource):
         position = self._near(position)
         held = (self.center, self.radius, self.radiance, position, normal)
         if self.samples > 1:
-            return sphere_samples(*held, self.samples)
+            return sphere_samples(*held, self.outward)
         return sphere_arrival(*held)
 
     def extra_repr(self) -> str:

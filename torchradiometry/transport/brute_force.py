@@ -62,9 +62,7 @@ class BruteForceRays(AbstractRayCaster):
         self._offset = (first * self._normal).sum(-1)
 
     def closest(self, origin: Float[Tensor, "ray 3"], direction: Float[Tensor, "ray 3"]) -> Hits:
-        found = [
-            self._first(o, d) for o, d in zip(*self._blocks(origin, direction), strict=True)
-        ]
+        found = [self._first(o, d) for o, d in zip(*self._blocks(origin, direction), strict=True)]
         triangle = torch.cat(found) if found else origin.new_zeros(0, dtype=torch.int64)
         return hit_details(self.corners, triangle, origin, direction)
 

@@ -103,9 +103,7 @@ def _scaling(exchange: Tensor, target: Tensor) -> Tensor:
     return scale
 
 
-def _conjugate_gradients(
-    exchange: Tensor, scale: Tensor, target: Tensor, right: Tensor
-) -> Tensor:
+def _conjugate_gradients(exchange: Tensor, scale: Tensor, target: Tensor, right: Tensor) -> Tensor:
     """t of (diag(target) + S H S) t = right, scaled by the diagonal."""
     solution, residual = torch.zeros_like(right), right
     weight = guarded_divide(torch.ones_like(target), target)

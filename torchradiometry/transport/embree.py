@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import MissingDependencyError
+from torchradiometry.numerics import guarded_divide
 from torchradiometry.transport.rays import AbstractRayCaster, Hits, hit_details, shortened
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class EmbreeRays(AbstractRayCaster):
         start, heading = self._unit(origin), direction.detach().cpu().to(torch.float64)
         length = heading.norm(dim=-1, keepdim=True)
         heading = heading / torch.where(length > 0, length, 1)
-        start = start + heading * _entry(start, heading)
+        start = start + heading * _entry(start, heading, torch.ones_like(length))
         triangle = self._run(start, heading, "INTERSECT", None)
         triangle = torch.where(length.squeeze(-1) > 0, triangle, -1).to(origin.device)
         return hit_details(self.corners.to(origin.device), triangle, origin, direction)
@@ -74,12 +75,13 @@ class EmbreeRays(AbstractRayCaster):
         start, extent = shortened(
             self._unit(origin), self._unit(target), self.tolerance / self.scale
         )
-        length = extent.norm(dim=-1, keepdim=True)
-        heading = extent / torch.where(length > 0, length, 1)
-        skipped = torch.minimum(_entry(start, heading), length)
-        rest = (length - skipped).squeeze(-1)
-        blocked = self._run(start + skipped * heading, heading, "OCCLUDED", rest) >= 0
-        return (blocked & (rest > 0)).to(origin.device)
+        squared = (extent * extent).sum(-1, keepdim=True)
+        # with an extent that is not unit, lengths along the ray run from 0 to 1
+        skipped = _entry(start, extent, squared).clamp(max=1)
+        if bool(skipped.any()):
+            start, extent = start + skipped * extent, (1 - skipped) * extent
+        blocked = self._run(start, extent, "OCCLUDED", torch.ones(len(start))) >= 0
+        return (blocked & (squared.squeeze(-1) > 0)).to(origin.device)
 
     def _unit(self, point: Float[Tensor, "ray 3"]) -> Float[Tensor, "ray 3"]:
         return (point.detach().cpu().to(torch.float64) - self.centre) / self.scale
@@ -92,7 +94,11 @@ class EmbreeRays(AbstractRayCaster):
         return torch.from_numpy(self._scene.run(o, d, dists=reach, query=query)).long()
 
 
-def _entry(start: Tensor, heading: Tensor) -> Tensor:
-    """How far a ray may be moved before it meets the sphere of radius 1.5, at least 0."""
+def _entry(start: Tensor, heading: Tensor, squared: Tensor) -> Tensor:
+    """How far along its heading a ray may be moved before it meets the sphere of radius 1.5.
+
+    In lengths of the heading (`squared` is its square), at least 0.
+    """
     along = (start * heading).sum(-1, keepdim=True)
-    return (-along - 1.5).clamp(min=0)
+    reach = 1.5 * squared.sqrt()
+    return torch.where(squared > 0, guarded_divide(-along - reach, squared), 0).clamp(min=0)

@@ -90,10 +90,11 @@ def height_field_visibility(
 def height_field_hits(
     height: Float[Tensor, "batch height width"],
     direction: Float[Tensor, "ray 3"],
+    start: Int[Tensor, "point"] | None = None,
     pixel_size: float = 1.0,
     steps: int | None = None,
-) -> Int[Tensor, "ray batch height width"]:
-    """The pixel that a ray from each pixel meets first, as row * width + column; -1 for none.
+) -> Int[Tensor, "ray batch point"]:
+    """The pixel that a ray from each start meets first, as row * width + column; -1 for none.
 
     Rays march pixel by pixel along the longer axis to the nearest pixel of the other, so a
     hit is right to about one pixel.
@@ -101,6 +102,7 @@ def height_field_hits(
     Args:
         height: m, towards the camera.
         direction: unit, the same rays for every pixel; z may be negative.
+        start: pixels that rays leave from, row * width + column; None is every pixel.
         pixel_size: m between neighbouring pixels.
         steps: how many pixels far a ray is followed; by default across the image.
 
@@ -111,22 +113,26 @@ def height_field_hits(
     Export: compile yes, ONNX yes.
 
     >>> wall = torch.tensor([[[0.0, 0.0, 0.0, 5.0]]])
-    >>> height_field_hits(wall, torch.tensor([[0.8, 0.0, 0.6]]))[0, 0, 0]
+    >>> height_field_hits(wall, torch.tensor([[0.8, 0.0, 0.6]]))[0, 0]
     tensor([ 3,  3,  3, -1])
     """
     rows, columns = height.shape[-2:]
-    field = height / pixel_size
+    field = (height / pixel_size).flatten(1)
+    if start is None:
+        start = torch.arange(rows * columns, device=height.device)
+    row, column = start // columns, start % columns
     step, rise = _steps(direction)
-    met = torch.full((len(direction), *height.shape), -1, device=height.device)
+    shape = (len(direction), len(height), len(start))
+    met = torch.full(shape, -1, dtype=torch.int64, device=height.device)
     for reach in range(1, 1 + (max(rows, columns) - 1 if steps is None else steps)):
-        row, row_inside = _moved(step[:, 0] * reach, rows)
-        column, column_inside = _moved(step[:, 1] * reach, columns)
-        inside = row_inside[:, :, None] & column_inside[:, None, :]
-        target = row[:, :, None] * columns + column[:, None, :]
-        there = field.flatten(1)[:, target].movedim(0, 1)
-        ray = field + rise.reshape(-1, 1, 1, 1) * reach
-        hit = (there > ray + CLEARANCE) & inside.unsqueeze(1) & (met < 0)
-        met = torch.where(hit, target.unsqueeze(1), met)
+        moved = torch.round(step * reach).to(torch.int64)
+        there_row, there_column = row + moved[:, :1], column + moved[:, 1:]
+        inside = (there_row >= 0) & (there_row < rows)
+        inside = inside & (there_column >= 0) & (there_column < columns)
+        target = there_row.clamp(0, rows - 1) * columns + there_column.clamp(0, columns - 1)
+        ray = field[:, start] + rise.reshape(-1, 1, 1) * reach
+        hit = (field[:, target].movedim(0, 1) > ray + CLEARANCE) & inside.unsqueeze(1)
+        met = torch.where(hit & (met < 0), target.unsqueeze(1), met)
     return met
 
 
@@ -163,27 +169,20 @@ def _shifted(field: Tensor, shift: Tensor, outside: Tensor) -> Tensor:
 def _shifted_along(field: Tensor, shift: Tensor, axis: int, outside: Tensor) -> Tensor:
     size = field.shape[axis]
     whole = torch.floor(shift)
-    share = (shift - whole)[..., None, None]
-    lower = _gathered(field, whole, axis, size, outside)
-    upper = _gathered(field, whole + 1, axis, size, outside)
-    return torch.where(share > 0, lower + share * (upper - lower), lower)
+    # one row (column) of `outside` at either end, where every index beyond the image lands
+    edge = outside.expand_as(field.narrow(axis, 0, 1))
+    framed = torch.cat([edge, field, edge], axis)
+    first = torch.arange(1, size + 1, device=field.device) + whole.to(torch.int64).unsqueeze(-1)
+    lower = _gathered(framed, first.clamp(0, size + 1), axis)
+    upper = _gathered(framed, (first + 1).clamp(0, size + 1), axis)
+    return torch.lerp(lower, upper, (shift - whole)[..., None, None])
 
 
-def _gathered(field: Tensor, whole: Tensor, axis: int, size: int, outside: Tensor) -> Tensor:
-    wanted = torch.arange(size, device=field.device) + whole.to(torch.int64).unsqueeze(-1)
-    index = wanted.clamp(0, size - 1)
+def _gathered(field: Tensor, index: Tensor, axis: int) -> Tensor:
+    """`field` with its rows (columns) picked by the `index` of each light and image."""
     index = index.unsqueeze(-1 if axis == -2 else -2)
-    inside = ((wanted >= 0) & (wanted < size)).unsqueeze(-1 if axis == -2 else -2)
     lead = torch.broadcast_shapes(field.shape[:2], index.shape[:2])
-    picked = torch.gather(
-        field.expand(*lead, *field.shape[-2:]),
-        axis,
-        index.expand(*lead, *field.shape[-2:]),
-    )
-    return torch.where(inside, picked, outside)
-
-
-def _moved(shift: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """Nearest pixel after a shift, clamped, and whether it lies inside; `ray size`."""
-    wanted = torch.arange(size, device=shift.device) + torch.round(shift).to(torch.int64)[:, None]
-    return wanted.clamp(0, size - 1), (wanted >= 0) & (wanted < size)
+    size = list(field.shape[-2:])
+    source = field.expand(*lead, *size)
+    size[axis] = index.shape[axis]
+    return torch.gather(source, axis, index.expand(*lead, *size))

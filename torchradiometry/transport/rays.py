@@ -135,9 +135,7 @@ def shortened(
 ) -> tuple[Tensor, Tensor]:
     """Start and extent of segments without `margin` at both ends; extent 0 if none is left."""
     extent = target - origin
-    length = extent.norm(dim=-1, keepdim=True)
-    share = guarded_divide(torch.full_like(length, margin), length).clamp(max=0.5)
-    share = torch.where(length > 0, share, 0.5)
+    share = (margin / extent.norm(dim=-1, keepdim=True)).clamp(max=0.5)  # margin / 0 gives 0.5
     return origin + share * extent, (1 - 2 * share) * extent
 
 

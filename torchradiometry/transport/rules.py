@@ -61,7 +61,9 @@ class PatchPoints(NamedTuple):
     weight: Float[Tensor, "patch point"]
 
 
-def patch_points(corners: Float[Tensor, "patch corner 3"], degree: int, split: int = 1) -> PatchPoints:
+def patch_points(
+    corners: Float[Tensor, "patch corner 3"], degree: int, split: int = 1
+) -> PatchPoints:
     """Points and weights of the rule of `degree` 1, 2 or 5 on triangles or quads.
 
     Args:

@@ -113,10 +113,10 @@ float emission_profile(Light light, vec3 away)
     return 1.0;
 }
 
-// 1 where the shadow map sees this fragment, 0 behind a nearer surface or beside the map.
-float seen_by_light(vec3 from_light, vec3 wi)
+// 1 where the shadow map sees this fragment, 0 behind a nearer surface or beside the map. ng is
+// the normal of the face, of either side.
+float seen_by_light(vec3 from_light, vec3 wi, vec3 ng)
 {
-    vec3 ng = normalize(cross(dFdx(frag_position), dFdy(frag_position)));
     vec3 size = abs(from_light);
     if (dot(face, face) > 0.0) { // only the fragments of this face of the cube
         float along = dot(from_light, face);
@@ -140,7 +140,7 @@ float seen_by_light(vec3 from_light, vec3 wi)
     return textureLod(shadow_map, uv, 0.0).r * light_far < depth - bias ? 0.0 : 1.0;
 }
 
-vec3 reflected(Light light, vec3 wo, vec3 n, vec3 rho)
+vec3 reflected(Light light, vec3 wo, vec3 n, vec3 ng, vec3 rho)
 {
     vec3 wi = light.direction;
     vec3 facing = light.power;
@@ -148,11 +148,16 @@ vec3 reflected(Light light, vec3 wo, vec3 n, vec3 rho)
     if (light.kind != DISTANT) {
         from_light = frag_position - light.position;
         float squared = dot(from_light, from_light);
+        // On the lamp, and for an emitter in its own plane to rounding, no light has a value.
+        float height = abs(dot(from_light, light.direction));
+        if (squared <= 0.0 || (light.kind == EMITTER && height < 4e-7 * far)) {
+            return vec3(0.0);
+        }
         wi = -from_light * inversesqrt(squared);
         facing *= emission_profile(light, -wi) / squared;
     }
     float cosine = dot(n, wi);
-    float visible = shadowed != 0 ? seen_by_light(from_light, wi) : 1.0;
+    float visible = shadowed != 0 ? seen_by_light(from_light, wi, ng) : 1.0;
     if (cosine <= 0.0 || dot(n, wo) <= 0.0) {
         return vec3(0.0);
     }
@@ -162,12 +167,15 @@ vec3 reflected(Light light, vec3 wo, vec3 n, vec3 rho)
 void main()
 {
     bool front = gl_FrontFacing;
-    vec3 n = normalize(frag_normal) * (front || two_sided == 0 ? 1.0 : -1.0);
+    float size = length(frag_normal); // 0 where the normals of a fold cancel: black
+    vec3 n = frag_normal * (size > 0.0 ? 1.0 / size : 0.0) * (front || two_sided == 0 ? 1.0 : -1.0);
+    vec3 across = cross(dFdx(frag_position), dFdy(frag_position));
+    vec3 ng = dot(across, across) > 0.0 ? normalize(across) : n;
     vec3 wo = orthographic != 0 ? backward : normalize(eye - frag_position);
     vec3 rho = has_texture != 0 ? texture(albedo_texture, frag_texcoord).rgb : albedo;
     vec3 radiance = emission;
     for (int i = 0; i < light_count; i++) {
-        radiance += reflected(lights[i], wo, n, rho);
+        radiance += reflected(lights[i], wo, n, ng, rho);
     }
     if (!front && two_sided == 0) {
         radiance = vec3(0.0); // a black back that still blocks the view and the light

@@ -1,0 +1,230 @@
+"""How much is enough: from a scene and a tolerance to the settings of the renderer.
+
+The relative L1 error of a picture is budgeted over four causes, each with its own law:
+
+    bounces       q^(k+1),                 q = largest albedo, k bounces (0 on convex bodies)
+    patches       C_p i h / R              h patch edge, R half diagonal, i indirect share
+    shadows       C_s / S                  S shadow rays to an emitting face
+    edges         C_a / (s^(3/2) n)        s^2 rays a pixel, n pixels along the shorter side
+
+The first is a bound: in a scene whose patches reflect at most q, what is left after k bounces
+is at most q^(k+1) of all light. The others are estimates; their constants were measured
+against finer pictures of rooms and bodies and then raised to the largest value found times a
+margin (see docs/plan.md). An effect is included only if the scene calls for it: no shadow rays
+on a convex body, no area sampling without a shining face, no patches where no face can see
+another or where nothing reflects.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from torchradiometry.errors import EmptySceneError, OutOfRangeError
+from torchradiometry.geometry.cameras import AbstractCamera
+from torchradiometry.geometry.meshes import face_areas
+from torchradiometry.render.settings import RenderSettings
+from torchradiometry.scene.scene import Scene, Triangles
+from torchradiometry.transport.rays import RELATIVE_TOLERANCE
+from torchradiometry.transport.visibility import possible_blockers
+
+__all__ = ["RenderPlan", "plan_render"]
+
+#: constants of the error laws above
+PATCH_ERROR, SHADOW_ERROR, EDGE_ERROR = 0.25, 0.03, 0.6
+#: shares of the tolerance that bounces and the three others may use
+BOUNCE_SHARE = 0.1
+#: no plan asks for more than these
+MOST_BOUNCES, MOST_PATCHES, MOST_SHADOWS, MOST_SUPERSAMPLING = 64, 6000, 32, 6
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """Settings of the renderer, why, and the error to expect.
+
+    Attributes:
+        bounces, patch_size, shadow_samples, supersampling: as in `RenderSettings`; the patch
+            size is None where no patches are made.
+        predicted_error: relative L1 error of the picture: the sum of `parts`.
+        parts: error by cause.
+        reasons: for every effect, whether it is included and why.
+        tolerance: what was asked for.
+    """
+
+    bounces: int
+    patch_size: float | None
+    shadow_samples: int
+    supersampling: int
+    predicted_error: float
+    parts: dict[str, float]
+    reasons: dict[str, str]
+    tolerance: float
+
+    @property
+    def settings(self) -> RenderSettings:
+        """What `render` takes."""
+        return RenderSettings(
+            bounces=self.bounces,
+            patch_size=self.patch_size,
+            shadow_samples=self.shadow_samples,
+            supersampling=self.supersampling,
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers, strings and dicts, for JSON."""
+        return asdict(self)
+
+
+class _Analysis(NamedTuple):
+    """What the scene calls for."""
+
+    area: float
+    scale: float
+    albedo: float
+    blockers: bool
+    convex_body: bool
+    emitters: int
+    lamps: int
+
+
+def plan_render(scene: Scene, camera: AbstractCamera, tolerance: float) -> RenderPlan:
+    """The cheapest settings whose predicted error meets the tolerance, as far as it goes.
+
+    Args:
+        scene: surfaces and sources.
+        camera: who looks; its picture size matters for edges.
+        tolerance: relative L1 error of the picture, 0 < tolerance < 1.
+
+    Returns:
+        The plan. `predicted_error` may exceed the tolerance where the limits of the planner
+        (patches, rays) are reached; `reasons` says so.
+
+    Raises:
+        OutOfRangeError: the tolerance is not between 0 and 1.
+        EmptySceneError: no triangle.
+    """
+    if not (isinstance(tolerance, (int, float)) and 0 < tolerance < 1):
+        raise OutOfRangeError("tolerance", f"{tolerance!r}", "pass a number between 0 and 1")
+    found = _analyse(scene)
+    reasons: dict[str, str] = {}
+    parts: dict[str, float] = {}
+    bounces = _plan_bounces(found, tolerance, parts, reasons)
+    patch_size = _plan_patches(found, tolerance, bounces, parts, reasons)
+    shadows = _plan_shadows(found, tolerance, parts, reasons)
+    side = _plan_edges(camera, tolerance, parts, reasons)
+    total = sum(parts.values())
+    if total > tolerance:
+        reasons["tolerance"] = f"not met: the limits of the planner leave {total:.3g}"
+    return RenderPlan(bounces, patch_size, shadows, side, total, parts, reasons, tolerance)
+
+
+@torch.no_grad()
+def _analyse(scene: Scene) -> _Analysis:
+    if not any(surface.count for surface in scene.surfaces):
+        raise EmptySceneError("scene", "no triangles", "add a surface with faces")
+    triangles = scene.triangles
+    points = triangles.corners.reshape(-1, 3).to(torch.float64)
+    scale = float((points.amax(0) - points.amin(0)).norm()) / 2
+    margin = scale * RELATIVE_TOLERANCE
+    emits = (triangles.emission > 0).any(-1)
+    return _Analysis(
+        float(face_areas(points, torch.arange(len(points)).reshape(-1, 3)).sum()),
+        scale,
+        float(triangles.albedo.max()),
+        bool(possible_blockers(triangles.corners, points, margin).any()),
+        _is_convex_body(triangles, points, margin),
+        int(emits.sum()),
+        len(scene.sources),
+    )
+
+
+def _is_convex_body(triangles: Triangles, points: Tensor, margin: float) -> bool:
+    """No point lies in front of any face: nothing sees anything."""
+    if bool(triangles.two_sided.any()):
+        return False
+    a, b, c = triangles.corners.to(torch.float64).unbind(1)
+    normal = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1)
+    parts = zip(normal.split(1024), a.split(1024), strict=True)
+    return all(
+        float((n @ points.mT - (n * o).sum(-1, keepdim=True)).max()) <= margin for n, o in parts
+    )
+
+
+def _plan_bounces(
+    found: _Analysis, tolerance: float, parts: dict[str, float], reasons: dict[str, str]
+) -> int:
+    if found.convex_body:
+        reasons["interreflection"] = "left out: the scene is one convex body, no face sees another"
+        return 0
+    if found.albedo <= 0:
+        reasons["interreflection"] = "left out: nothing reflects"
+        return 0
+    if found.emitters == 0 and found.lamps == 0:
+        reasons["interreflection"] = "left out: nothing shines"
+        return 0
+    q = min(found.albedo, 1.0)
+    goal = BOUNCE_SHARE * tolerance
+    needed = math.ceil(math.log(goal) / math.log(q)) - 1 if q < 1 else MOST_BOUNCES
+    bounces = max(1, min(needed, MOST_BOUNCES))
+    parts["bounces"] = q ** (bounces + 1)
+    reasons["interreflection"] = (
+        f"{bounces} bounces: with albedos up to {q:.3g} at most {parts['bounces']:.2g} of the "
+        "light is left"
+    )
+    return bounces
+
+
+def _plan_patches(
+    found: _Analysis,
+    tolerance: float,
+    bounces: int,
+    parts: dict[str, float],
+    reasons: dict[str, str],
+) -> float | None:
+    if bounces == 0:
+        reasons["patches"] = "none: no interreflection"
+        return None
+    # all light over direct light is at most 1 / (1 - q); cut where walls are nearly white
+    share = found.albedo
+    wanted = 0.4 * tolerance * found.scale / (PATCH_ERROR * share)
+    # n triangles of longest edge h cover about n h^2 / 4
+    smallest = math.sqrt(4 * found.area / MOST_PATCHES)
+    size = min(max(wanted, smallest), found.scale / 3)
+    parts["patches"] = PATCH_ERROR * share * size / found.scale
+    why = "as the tolerance asks" if wanted >= smallest else f"at most {MOST_PATCHES} patches"
+    reasons["patches"] = f"edges up to {size:.3g} m: {why}"
+    return size
+
+
+def _plan_shadows(
+    found: _Analysis, tolerance: float, parts: dict[str, float], reasons: dict[str, str]
+) -> int:
+    if found.emitters == 0 and found.lamps == 0:
+        reasons["shadows"] = "left out: nothing shines"
+        return 0
+    if found.convex_body or not (found.blockers or found.lamps):
+        reasons["shadows"] = "left out: no face can come between two points of the scene"
+        return 0
+    if found.emitters == 0:
+        reasons["shadows"] = "one ray to each lamp; no face shines, so no area is sampled"
+        return 1
+    wanted = math.ceil(SHADOW_ERROR / (0.25 * tolerance))
+    samples = max(2, min(wanted, MOST_SHADOWS))
+    parts["shadows"] = SHADOW_ERROR / samples
+    reasons["shadows"] = f"{samples} rays to each shining face, four times as many in penumbras"
+    return samples
+
+
+def _plan_edges(
+    camera: AbstractCamera, tolerance: float, parts: dict[str, float], reasons: dict[str, str]
+) -> int:
+    pixels = min(camera.width, camera.height)
+    wanted = (EDGE_ERROR / (0.25 * tolerance * pixels)) ** (2 / 3)
+    side = max(1, min(math.ceil(wanted), MOST_SUPERSAMPLING))
+    parts["edges"] = EDGE_ERROR / (side**1.5 * pixels)
+    reasons["supersampling"] = f"{side} x {side} rays a pixel for edges and textures"
+    return side
