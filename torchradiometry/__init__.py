@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from torchradiometry import cli, demo, deploy, export, learn, plan  # noqa: F401
     from torchradiometry.deploy import *
     from torchradiometry.errors import *
     from torchradiometry.export import *

@@ -32,7 +32,7 @@ REPEATED = {f"layer-lambertian_{kind}" for kind in ("spot", "sphere", "polygon",
 GRAPHS = [name for name in EVERY if name not in REPEATED]
 #: layers that go through the C++ code generator, one for each kind of arithmetic; the others
 #: take the same traced graphs through the eager backend, whose compilation is cheap
-GENERATED = {"layer-lambertian_directional", "layer-phong_mixed", "layer-ambient"}
+GENERATED = {"layer-lambertian_directional", "layer-phong_directional", "layer-ambient"}
 #: compiled and onnxruntime kernels sum and take powers in another order than eager ones:
 #: some twenty roundings, times the exponent (9) of the lobes in the cases
 KERNEL_ROUNDING = {torch.float32: 2e-5, torch.float64: 1e-12}

@@ -45,7 +45,7 @@ def test_counts_become_linear_radiance_per_light(folder: Path) -> None:
     np.testing.assert_allclose(photographs.images[:, 0, 0, 0], expected, rtol=1e-6)
     np.testing.assert_allclose(photographs.grey()[0], expected * 0.9999, rtol=1e-5)
     assert photographs.ground_truth is None
-    some = photographs.first([2, 0])
+    some = photographs.under([2, 0])
     np.testing.assert_array_equal(some.light_directions, photographs.light_directions[[2, 0]])
 
 

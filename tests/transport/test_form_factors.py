@@ -38,7 +38,7 @@ def test_parallel_squares(gap: float) -> None:
     parts, parent = subdivide(Patches(torch.stack((SQUARE, facing))), 0.25)
     factors = transport.form_factors(parts)
     mean = (parts.area.unsqueeze(-1) * factors)[parent == 0][:, parent == 1].sum()
-    assert_close(mean, parallel_rectangles(1.0, 1.0, gap), rtol=2e-4)
+    assert_close(mean, parallel_rectangles(1.0, 1.0, gap), rtol=1e-3)
 
 
 def test_perpendicular_squares_with_a_common_edge() -> None:
@@ -91,7 +91,7 @@ def test_backs_are_black() -> None:
 def test_a_wall_between_two_plates(caster) -> None:
     facing = SQUARE.flip(0) + SQUARE.new_tensor([0, 0, 1])
     patches = Patches(torch.stack((SQUARE, facing)))
-    whole = (SQUARE - 0.5) * 3 + SQUARE.new_tensor([0.5, 0.5, 0.5])
+    whole = SQUARE * 3 + SQUARE.new_tensor([-1, -1, 0.5])
     hidden = caster(torch.stack((whole[[0, 1, 2]], whole[[0, 2, 3]])))
     assert (transport.form_factors(patches, hidden) == 0).all()
     beside = caster(hidden.corners + SQUARE.new_tensor([5.0, 0, 0]))
@@ -123,7 +123,7 @@ def test_exposed_area_closes_a_room_with_a_buried_patch() -> None:
 
 def test_a_mask_closes_only_its_rows() -> None:
     parts = room()
-    open_room = Patches(parts.corners[8:])
+    open_room = Patches(parts.corners[18:])
     mask = torch.zeros(open_room.count, dtype=torch.bool)
     mask[-4:] = True
     factors = transport.form_factors(open_room, closed=mask)

@@ -59,8 +59,8 @@ def compare_with_rasteriser(folder: Path, size: int) -> Section:
         lobe = NormalizedPhong([SPECULAR], [SHININESS])
         theirs = render_reference(scene, camera, materials=[lobe])
     except NoGraphicsError as error:
-        words = (f"The rasteriser could not run, so there is no comparison here: {error}",)
-        return Section(TITLE, words, figures, data={"compared": False})
+        missing = f"The rasteriser could not run, so there is no comparison here: {error}"
+        return Section(TITLE, (missing,), figures, data={"compared": False})
     error_map, difference = _difference(ours, theirs, points)
     write_picture(folder / "mesh-pyrender.png", theirs.radiance.numpy(), exposure=_exposure(ours))
     write_picture(folder / "mesh-difference.png", error_map.numpy(), exposure=1.0)

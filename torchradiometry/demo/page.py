@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
@@ -55,7 +55,7 @@ class Section:
     words: Sequence[str]
     figures: Sequence[Figure] = ()
     tables: Sequence[Table] = ()
-    data: dict[str, object] = field(default_factory=dict)  #: the figures, for the JSON report
+    data: Mapping[str, object] = field(default_factory=dict)  #: for the JSON report
 
 
 @contextmanager

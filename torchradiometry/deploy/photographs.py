@@ -81,7 +81,7 @@ class Photographs:
         """Luminance of the pixels in the mask, `pixel N` (weights of ITU-R BT.601)."""
         return grey(self.images[:, self.mask]).T
 
-    def first(self, lights: Iterable[int]) -> Photographs:
+    def under(self, lights: Iterable[int]) -> Photographs:
         """The same object under some of its lights, named by their numbers from 0."""
         kept = list(lights)
         return Photographs(

@@ -30,7 +30,7 @@ from torchradiometry.files import check_readable
 __all__ = ["Model", "ModelInput", "open_model", "run_model"]
 
 #: onnxruntime's names of the element types our graphs use
-ELEMENT_TYPES = {
+ELEMENT_TYPES: dict[str, np.dtype[Any]] = {
     "tensor(float)": np.dtype(np.float32),
     "tensor(double)": np.dtype(np.float64),
     "tensor(int64)": np.dtype(np.int64),

@@ -9,7 +9,7 @@ directional light.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,7 +53,7 @@ class ExportLayer(NamedTuple):
     module: nn.Module
     example: dict[str, Tensor]
     outputs: dict[str, str]
-    axes: dict[str, tuple[str, ...]] = {}  # noqa: RUF012
+    axes: Mapping[str, Sequence[str]] = {}
 
     @property
     def notes(self) -> dict[str, InputNote]:

@@ -1,6 +1,7 @@
 """SHAPE FROM SHADING: random shapes shaded by the layers, networks, losses, training."""
 
 from torchradiometry.learn.data import PhotometricSamples, ShadingSamples, SurfaceOptions, make_bank
+from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
 from torchradiometry.learn.images import Materials, Observations, observe, random_materials
 from torchradiometry.learn.losses import angle_degrees, chord_loss
@@ -21,6 +22,7 @@ from torchradiometry.learn.training import (
 )
 
 __all__ = [
+    "Evaluation",
     "Materials",
     "Observations",
     "PhotometricNetwork",
@@ -36,6 +38,8 @@ __all__ = [
     "Trained",
     "angle_degrees",
     "chord_loss",
+    "evaluate",
+    "evaluate_folder",
     "height_to_normals",
     "least_squares",
     "load_checkpoint",

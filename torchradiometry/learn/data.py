@@ -116,7 +116,11 @@ class PhotometricSamples(Dataset[Observations]):
         available = self.bank.normal.shape[1]
         pixel = torch.randint(available, (self.shapes, self.pixels), generator=generator)
         part = SurfaceBank(
-            *(field[which, pixel] for field in self.bank[:4]), self.bank.direction[which[:, 0]]
+            self.bank.normal[which, pixel],
+            self.bank.visibility[which, pixel],
+            self.bank.indirect[which, pixel],
+            self.bank.openness[which, pixel],
+            self.bank.direction[which[:, 0]],
         )
         lights = self._lights(generator)
         return observe(part, lights, generator, self.options.shadows, self.options.indirect)

@@ -9,11 +9,11 @@ business of `validate_layer_inputs`, which a caller runs once on new data and no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from torchradiometry.errors import DTypeError, InvalidValueError, OutOfRangeError, ShapeError
 from torchradiometry.sources.base import AbstractSource
@@ -124,7 +124,7 @@ def check_near_sources(
 
 
 def chosen_sources(
-    held: Sequence[AbstractSource], passed: AbstractSource | Sequence[AbstractSource] | None
+    held: Iterable[nn.Module], passed: AbstractSource | Sequence[AbstractSource] | None
 ) -> Sequence[AbstractSource]:
     """The sources of the constructor or those of the call: exactly one of the two.
 
@@ -133,16 +133,18 @@ def chosen_sources(
     """
     if isinstance(passed, AbstractSource):
         passed = [passed]
-    if not held and not passed:
+    own = list(held)
+    if not own and not passed:
         raise DTypeError("sources", "none", "pass them to the constructor or to the call")
-    if held and passed is not None:
+    if own and passed is not None:
         raise DTypeError(
             "sources", "some in the constructor and some in the call", "pass them in one place"
         )
-    found = list(held or passed or ())
-    for source in found:
+    found: list[AbstractSource] = []
+    for source in own or passed or ():
         if not isinstance(source, AbstractSource):
             raise DTypeError("sources", f"a {type(source).__name__}", "pass sources only")
+        found.append(source)
     return found
 
 

@@ -145,9 +145,8 @@ class PointShading(nn.Module):
         visibility: Float[Tensor, "light *batch point"] | None = None,
     ) -> Float[Tensor, "*batch point channel"]:
         """Radiance in W/m2/sr; see `shade_points` for the arguments."""
-        return shade_points(
-            self.material, list(self.sources), position, normal, outgoing_direction, visibility
-        )
+        chosen = chosen_sources(self.sources, None)
+        return shade_points(self.material, chosen, position, normal, outgoing_direction, visibility)
 
     def extra_repr(self) -> str:
         return "position [m], normal [1] -> radiance [W/m2/sr]"

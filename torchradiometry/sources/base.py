@@ -82,8 +82,8 @@ class AbstractSource(nn.Module):
     @property
     def lights(self) -> int:
         """Rows of the `Arrival`: the light axis of the first tensor held, times `samples`."""
-        first: Tensor = next(iter((self._parameters or self._buffers).values()))
-        return first.shape[-2] * self.samples
+        first = next(iter((self._parameters or self._buffers).values()))
+        return 0 if first is None else first.shape[-2] * self.samples
 
     def irradiance_on(
         self,

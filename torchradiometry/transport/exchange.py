@@ -71,12 +71,12 @@ def unoccluded_exchange(patches: Patches, near: float = NEAR) -> Float[Tensor, "
 
 
 def _separation(patches: Patches) -> Float[Tensor, "patch patch"]:
-    """Distance of centroids over the sum of radii; infinite on the diagonal."""
+    """Distance of centroids over the sum of radii; -1 on the diagonal."""
     corners, centroid = patches.corners.detach(), patches.centroid.detach()
     radius = (corners - centroid.unsqueeze(1)).norm(dim=-1).amax(-1)
     reach = radius.unsqueeze(1) + radius
     ratio = torch.cdist(centroid, centroid) / torch.where(reach > 0, reach, 1)
-    return ratio.fill_diagonal_(math.inf)
+    return ratio.fill_diagonal_(-1)
 
 
 def _far_field(patches: Patches, far: Tensor) -> Float[Tensor, "patch patch"]:

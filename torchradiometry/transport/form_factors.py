@@ -55,7 +55,8 @@ def form_factors(
         patches: triangles or planar convex quads, m.
         rays: what blocks; None if nothing does (one convex room, or separate facing plates).
         closed: the patches enclose a space; rows are scaled to sum to 1. A mask marks the
-            patches that see nothing but patches; the other rows are only kept at most 1.
+            patches that see nothing but patches; the other rows are only kept at most 1 (where
+            that pulls one down, its neighbours' rows end just below 1).
         exposure: share of each patch that is not buried in another body, 0..1; F refers to
             the exposed area. None: all of it.
         samples: shadow segments per pair; four times as many in penumbras.

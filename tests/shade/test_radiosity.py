@@ -1,0 +1,64 @@
+"""RadiosityShading: closed forms on geometry, and static mistakes by name."""
+
+import pytest
+import torch
+import trimesh
+
+from tests.tolerances import assert_close
+from torchradiometry import errors, shade, solve, transport
+from torchradiometry.geometry.patches import Patches, subdivide
+
+
+def inside(mesh: trimesh.Trimesh) -> Patches:
+    return Patches(torch.tensor(mesh.triangles.copy(), dtype=torch.float64).flip(1))
+
+
+@pytest.mark.parametrize("albedo", [0.0, 0.5, 0.9])
+def test_integrating_sphere(albedo: float) -> None:
+    """Uniform exitance on the inside of a sphere: B = M / (1 - rho) everywhere."""
+    patches = inside(trimesh.creation.icosphere(subdivisions=2))
+    layer = shade.RadiosityShading(transport.form_factors(patches, closed=True), solve.Direct())
+    rho = torch.full((patches.count, 1), albedo, dtype=torch.float64)
+    assert_close(layer(rho, torch.ones_like(rho)), 1 / (1 - albedo))
+
+
+def test_a_lamp_in_a_sphere_makes_uniform_irradiance() -> None:
+    """Flux from one facet: its reflections light every facet alike, rho / (1 - rho) M A / S."""
+    patches = inside(trimesh.creation.icosphere(subdivisions=2))
+    layer = shade.RadiosityShading(transport.form_factors(patches, closed=True), solve.Direct())
+    rho = torch.full((patches.count, 1), 0.8, dtype=torch.float64)
+    exitance = torch.zeros_like(rho)
+    exitance[0] = 1
+    reflected = layer(rho, exitance) - exitance
+    uniform = 0.8 / 0.2 * patches.area[0] / patches.area.sum()
+    # a flat facet does not see itself, and hardly its neighbours; 320 facets are no sphere
+    distant = patches.normal @ patches.normal[0] < 0.8
+    assert_close(reflected[distant], uniform.expand_as(reflected[distant]), rtol=0.03)
+    power = (patches.area.unsqueeze(-1) * (1 - rho) * reflected / rho).sum()
+    assert_close(power, patches.area[0])
+
+
+def test_furnace_in_a_cube() -> None:
+    patches = subdivide(inside(trimesh.creation.box((1, 2, 3))), 1.0)[0]
+    factors = transport.form_factors(patches, closed=True)
+    generator = torch.Generator().manual_seed(3)
+    albedo = torch.rand(patches.count, 3, dtype=torch.float64, generator=generator)
+    layer = shade.RadiosityShading(factors, solve.Direct())
+    assert_close(layer(albedo, 1 - albedo), 1.0)
+
+
+def test_form_factors_move_with_the_module() -> None:
+    layer = shade.RadiosityShading(torch.eye(3)).to(torch.float64)
+    assert layer.form_factors.dtype == torch.float64
+    assert "form_factors" in layer.state_dict()
+    assert "patches=3" in repr(layer)
+
+
+def test_static_mistakes_are_named() -> None:
+    albedo = torch.rand(3, 1)
+    with pytest.raises(errors.ShapeError, match="receiver emitter"):
+        shade.RadiosityShading(torch.rand(3, 4))
+    with pytest.raises(errors.ShapeError, match="pass them here"):
+        shade.RadiosityShading()(albedo, albedo)
+    with pytest.raises(errors.ShapeError, match="patch channel"):
+        shade.RadiosityShading(torch.eye(3))(albedo[:, 0], albedo)

@@ -1,0 +1,236 @@
+"""The command line: one library call a command, JSON alone on stdout, one sentence on errors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.demo.test_run import write_sphere_set
+from torchradiometry.cli import main
+from torchradiometry.files import read_picture, write_picture
+from torchradiometry.scene.build import box, cornell_like_room
+from torchradiometry.scene.scene import Scene
+from torchradiometry.scene.write import save_scene
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["torchradiometry", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = int(end.code or 0)
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    path = tmp_path / "scene" / "room.glb"
+    path.parent.mkdir()
+    save_scene(cornell_like_room(), path)
+    return path
+
+
+def only_inputs_remain(folder: Path, *names: str) -> bool:
+    return sorted(p.name for p in folder.iterdir()) == sorted(names)
+
+
+@pytest.mark.parametrize("command", ["demo", "render", "normals", "export"])
+def test_help_shows_an_example(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    code, out, _ = run(capsys, command, "--help")
+    assert code == 0
+    assert f"torchradiometry {command}" in out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--version")
+    assert (code, out) == (0, "torchradiometry 0.1.0\n")
+
+
+@pytest.mark.parametrize("ending", [".npy", ".exr", ".hdr", ".png"])
+def test_render_writes_every_format(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, room: Path, ending: str
+) -> None:
+    out = tmp_path / f"room{ending}"
+    size = ("--width", 24, "--height", 16, "--tolerance", 0.3)
+    code, stdout, _ = run(capsys, "render", room, *size, "--out", out, "--json")
+    assert code == 0
+    report = json.loads(stdout)
+    assert {"seconds", "plan", "predicted_error", "out"} <= set(report)
+    assert report["out"] == str(out)
+    pixels = read_picture(out)
+    assert pixels.shape == (16, 24, 3)
+    assert pixels.max() > 0
+    if ending == ".npy":
+        assert np.load(out).dtype == np.float32
+
+
+def test_export_list_names_inputs_with_units(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "export", "--list", "--json")
+    layers = {row["name"]: row for row in json.loads(out)["layers"]}
+    assert code == 0
+    assert {"lambertian", "phong"} <= set(layers)
+    assert "normal" in json.dumps(layers["lambertian"])
+
+
+def test_export_writes_a_checked_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "lambertian.onnx"
+    code, out, _ = run(capsys, "export", "lambertian", "--out", path, "--json")
+    report = json.loads(out)
+    assert code == 0
+    assert report["max_relative"] < 1e-5
+    assert path.stat().st_size > 0
+
+
+def test_normals_of_a_set_and_of_one_photograph(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    images = write_sphere_set(tmp_path / "ball")
+    code, out, _ = run(capsys, "normals", images, "--out", tmp_path / "n.npy", "--json")
+    assert code == 0
+    assert json.loads(out)["lights"] == 6
+    normals = np.load(tmp_path / "n.npy")
+    inside = read_picture(images / "mask.png")[..., 0] > 0.5
+    np.testing.assert_allclose(np.linalg.norm(normals[inside], axis=-1), 1, atol=1e-5)
+    assert (normals[~inside] == 0).all()
+    photograph = (images / "001.png", "--mask", images / "mask.png")
+    code, out, _ = run(capsys, "normals", *photograph, "--out", tmp_path / "n.png", "--json")
+    assert code == 0
+    assert json.loads(out)["pixels"] == inside.sum()
+
+
+def test_normals_never_loads_torch(tmp_path: Path) -> None:
+    images = write_sphere_set(tmp_path / "ball")
+    arguments = ["torchradiometry", "normals", str(images), "--out", str(tmp_path / "n.npy")]
+    code = (
+        "import sys\n"
+        f"sys.argv = {arguments!r}\n"
+        "from torchradiometry.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        "assert 'torch' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (tmp_path / "n.npy").exists()
+
+
+def not_a_mesh(folder: Path) -> Path:
+    (folder / "a.glb").write_bytes(b"nonsense")
+    return folder / "a.glb"
+
+
+def empty_scene(folder: Path) -> Path:
+    (folder / "a.gltf").write_text('{"asset": {"version": "2.0"}, "scenes": [{"nodes": []}]}')
+    return folder / "a.gltf"
+
+
+def nan_scene(folder: Path) -> Path:
+    vertices = ("v nan 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 3")
+    (folder / "a.obj").write_text("\n".join(vertices) + "\n")
+    return folder / "a.obj"
+
+
+@pytest.mark.parametrize("make", [not_a_mesh, empty_scene, nan_scene])
+def test_bad_scenes_end_in_one_sentence(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, make
+) -> None:
+    scene = make(tmp_path)
+    code, out, err = run(capsys, "render", scene, "--out", tmp_path / "x.npy", "--json")
+    assert (code, out) == (2, "")
+    assert err.startswith("torchradiometry: ")
+    assert err.count("\n") == 1
+    assert only_inputs_remain(tmp_path, scene.name)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("render", "missing.glb", "--out", "x.npy"),
+        ("render", ".", "--out", "x.npy"),
+        ("render", "box.glb", "--out", "x.jpg"),
+        ("render", "box.glb", "--out", "none/x.npy"),
+        ("render", "box.glb", "--out", "x.npy", "--tolerance", "0"),
+        ("render", "box.glb", "--out", "x.npy", "--tolerance", "nan"),
+        ("normals", "missing", "--out", "x.npy"),
+        ("normals", ".", "--out", "x.npy"),
+        ("normals", "ball/001.png", "--out", "x.npy"),
+        ("normals", "ball/001.png", "--mask", "missing.png", "--out", "x.npy"),
+        ("normals", "ball", "--out", "x.jpg"),
+        ("normals", "ball", "--model", "box.glb", "--out", "x.npy"),
+        ("export", "no-such-layer", "--out", "x.onnx"),
+        ("export", "lambertian", "--out", "none/x.onnx"),
+        ("demo", "--images", "missing"),
+    ],
+    ids=" ".join,
+)
+def test_bad_arguments_end_in_one_sentence(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_sphere_set(tmp_path / "ball")
+    save_scene(Scene((box("crate", (1.0, 1.0, 1.0)),)), tmp_path / "box.glb")
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("torchradiometry: ")
+    assert err.count("\n") == 1
+    assert only_inputs_remain(tmp_path, "ball", "box.glb")
+
+
+def spoil_mask(folder: Path) -> None:
+    (folder / "mask.png").unlink()
+
+
+def spoil_count(folder: Path) -> None:
+    (folder / "006.png").unlink()
+
+
+def spoil_size(folder: Path) -> None:
+    write_picture(folder / "002.png", np.ones((5, 5, 3), np.float32))
+
+
+def spoil_picture(folder: Path) -> None:
+    (folder / "003.png").write_bytes(b"nonsense")
+
+
+def spoil_lights(folder: Path) -> None:
+    (folder / "light_directions.txt").write_text("nan 0 1\n" * 6)
+
+
+def spoil_numbers(folder: Path) -> None:
+    (folder / "light_intensities.txt").write_text("one two three\n" * 6)
+
+
+@pytest.mark.parametrize(
+    "spoil", [spoil_mask, spoil_count, spoil_size, spoil_picture, spoil_lights, spoil_numbers]
+)
+def test_bad_photograph_sets_end_in_one_sentence(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, spoil
+) -> None:
+    spoil(write_sphere_set(tmp_path / "ball"))
+    code, out, err = run(capsys, "normals", tmp_path / "ball", "--out", tmp_path / "x.npy")
+    assert (code, out) == (2, "")
+    assert err.startswith("torchradiometry: ")
+    assert err.count("\n") == 1
+    assert only_inputs_remain(tmp_path, "ball")
+
+
+def test_a_missing_option_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, "export", "lambertian")
+    assert (code, out) == (2, "")
+    assert "--out" in err
+
+
+def test_module_entry_point_is_the_command() -> None:
+    command = [sys.executable, "-m", "torchradiometry", "--version"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout == f"torchradiometry {__import__('torchradiometry').__version__}\n"
