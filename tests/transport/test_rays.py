@@ -138,5 +138,7 @@ def test_brute_force_runs_on_cuda(generator: torch.Generator) -> None:
     corners = soup(100, generator)
     origin, target = torch.rand(2, 1000, 3, dtype=torch.float64, generator=generator)
     here = transport.BruteForceRays(corners).closest(origin, target - origin)
-    there = transport.BruteForceRays(corners.cuda()).closest(origin.cuda(), (target - origin).cuda())
+    there = transport.BruteForceRays(corners.cuda()).closest(
+        origin.cuda(), (target - origin).cuda()
+    )
     assert (here.triangle == there.triangle.cpu()).all()

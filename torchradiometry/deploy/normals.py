@@ -41,8 +41,8 @@ __all__ = [
     "write_normals",
 ]
 
-#: pixels in one call of the photometric model: bounds its memory to some tens of megabytes
-PIXELS_AT_ONCE = 2048
+#: pixels in one call of the photometric model: what it computes stays in the processor's cache
+PIXELS_AT_ONCE = 256
 #: the longer side of what the shading model sees; it was trained on 64 x 64
 SHADING_SIZE = 64
 

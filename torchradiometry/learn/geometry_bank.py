@@ -34,6 +34,9 @@ __all__ = ["SurfaceBank", "make_surfaces", "random_lights"]
 
 #: directions over the whole sphere; about half of them leave the surface upwards
 RAYS = 64
+#: chance of a pixel that no light is hidden from, beside the share of lights that are hidden:
+#: half of a typical bank then lies in shadow of one light or more, where networks go wrong
+ALWAYS = 0.05
 
 
 class SurfaceBank(NamedTuple):
@@ -78,7 +81,8 @@ def make_surfaces(
 
     Args:
         shapes: how many shapes.
-        pixels: how many pixels of each, drawn with replacement from its mask.
+        pixels: how many pixels of each, drawn with replacement from its mask, shadowed ones
+            more often.
         lights: how many lights each shape has.
         size: pixels along an edge of the height field.
         generator: the source of chance.
@@ -97,10 +101,11 @@ def _one_surface(
     direction = random_lights(lights, generator)
     visibility = height_field_visibility(shape.height, direction).reshape(lights, -1)
     normal = shape.normal[0].flatten(1).T
-    inside = shape.mask.flatten().nonzero().squeeze(1)
-    kept = inside[torch.randint(len(inside), (pixels,), generator=generator)]
-    received = clamped_cosine(normal, direction.unsqueeze(1)) * visibility
-    received = received * shape.mask.flatten()
+    facing = clamped_cosine(normal, direction.unsqueeze(1)) * shape.mask.flatten()
+    received = facing * visibility
+    hidden = (facing > received).float().mean(0)
+    chance = (hidden + ALWAYS) * shape.mask.flatten()
+    kept = torch.multinomial(chance, pixels, replacement=True, generator=generator)
     indirect, openness = _one_bounce(shape.height, normal, received, kept, generator)
     return normal[kept], visibility[:, kept].T, indirect, openness, direction
 

@@ -135,7 +135,7 @@ def expose(
     """Luminance that an 8-bit colour camera reports for this radiance.
 
     Intensities of the lights, colour of the surface, exposure and noise are drawn at random;
-    the darkest exposures put the brightest pixels at 12 of 256 counts.
+    the darkest exposures put the brightest pixels at 6 of 256 counts.
     """
 
     def uniform(low: float, high: float, *size: int) -> Tensor:
@@ -145,7 +145,7 @@ def expose(
     gain = 2 ** uniform(-1, 1, shapes, 1, lights, 3)
     colour = uniform(0.3, 1, shapes, pixels, 1, 3)
     bright = torch.quantile(radiance.flatten(1), 0.98, dim=1).clamp(min=1e-3)
-    exposure = 2 ** uniform(-4.4, -0.3, shapes) / bright
+    exposure = 2 ** uniform(-5.4, -0.3, shapes) / bright
     signal = radiance.unsqueeze(-1) * colour * exposure.reshape(-1, 1, 1, 1)
     noise = torch.randn(signal.shape, generator=generator) * uniform(0, 0.01, shapes, 1, 1, 1)
     counts = torch.floor(256 * gain * signal * (1 + noise)).clamp(0, 255)
@@ -183,7 +183,25 @@ def observe(
     radiance = shade(part, random_materials(shapes, pixels, generator))
     error = torch.randn(part.direction.shape, generator=generator) * CALIBRATION_ERROR
     reported = safe_normalize(part.direction + error)
-    return Observations(expose(radiance, generator), reported, part.normal)
+    return Observations(spoil(expose(radiance, generator), generator), reported, part.normal)
+
+
+def spoil(
+    intensity: Float[Tensor, "shape pixel light"], generator: torch.Generator
+) -> Float[Tensor, "shape pixel light"]:
+    """In a third of the shapes, up to a quarter of the photographs wrong by up to a stop or two.
+
+    Real sets hold photographs that a lamp, a reflection or a compression has spoilt; a
+    network that never saw one trusts them.
+    """
+    shapes, pixels, lights = intensity.shape
+    share = torch.rand(shapes, 1, 1, generator=generator) * 0.75 - 0.5
+    wrong = torch.rand(shapes, 1, lights, generator=generator) < share
+    stops = torch.rand(shapes, 1, 1, generator=generator) * torch.randn(
+        shapes, pixels, lights, generator=generator
+    )
+    common = torch.randn(shapes, 1, 1, generator=generator)
+    return torch.where(wrong, intensity * 2 ** (stops + common).clamp(-3, 2), intensity)
 
 
 def _turned(bank: SurfaceBank, generator: torch.Generator) -> SurfaceBank:

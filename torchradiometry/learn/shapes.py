@@ -137,8 +137,8 @@ def _noise(size: int, power: float, generator: torch.Generator) -> Tensor:
 
 def _ellipsoids(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     x, y = _grid(size, size)
-    pieces = int(torch.randint(1, 8, (), generator=generator))
-    radius = _uniform(generator, 0.14, 0.46, pieces, 2) * size
+    pieces = int(torch.randint(1, 12, (), generator=generator))
+    radius = _uniform(generator, 0.1, 0.42, pieces, 2) * size
     depth = radius.mean(1) * _uniform(generator, 0.4, 1.6, pieces)
     turn = _uniform(generator, 0, math.pi, pieces)
     spread = 0.0 if pieces == 1 else 0.28
@@ -147,7 +147,7 @@ def _ellipsoids(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     c, s = torch.cos(turn)[:, None, None], torch.sin(turn)[:, None, None]
     along, across = (c * dx + s * dy), (c * dy - s * dx)
     room = 1 - (along / radius[:, :1, None]) ** 2 - (across / radius[:, 1:, None]) ** 2
-    top = centre[:, 2, None, None] * 0.6 + depth[:, None, None] * torch.sqrt(room.clamp(min=0))
+    top = centre[:, 2, None, None] + depth[:, None, None] * torch.sqrt(room.clamp(min=0))
     height = torch.where(room > 0, top, -torch.inf).amax(0)
     inside = (room > 0).any(0)
     return torch.where(inside, height, height[inside].min()), inside

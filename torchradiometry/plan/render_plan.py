@@ -35,7 +35,9 @@ from torchradiometry.transport.visibility import possible_blockers
 __all__ = ["RenderPlan", "plan_render"]
 
 #: constants of the error laws above
-PATCH_ERROR, SHADOW_ERROR, EDGE_ERROR = 0.25, 0.03, 0.6
+PATCH_ERROR, SHADOW_ERROR, EDGE_ERROR = 0.12, 0.03, 2.4
+#: edges of hard shadows come on top of those of bodies
+HARD_SHADOWS = 1.5
 #: shares of the tolerance that bounces and the three others may use
 BOUNCE_SHARE = 0.1
 #: no plan asks for more than these
@@ -115,7 +117,7 @@ def plan_render(scene: Scene, camera: AbstractCamera, tolerance: float) -> Rende
     bounces = _plan_bounces(found, tolerance, parts, reasons)
     patch_size = _plan_patches(found, tolerance, bounces, parts, reasons)
     shadows = _plan_shadows(found, tolerance, parts, reasons)
-    side = _plan_edges(camera, tolerance, parts, reasons)
+    side = _plan_edges(found, camera, tolerance, parts, reasons)
     total = sum(parts.values())
     if total > tolerance:
         reasons["tolerance"] = f"not met: the limits of the planner leave {total:.3g}"
@@ -220,11 +222,16 @@ def _plan_shadows(
 
 
 def _plan_edges(
-    camera: AbstractCamera, tolerance: float, parts: dict[str, float], reasons: dict[str, str]
+    found: _Analysis,
+    camera: AbstractCamera,
+    tolerance: float,
+    parts: dict[str, float],
+    reasons: dict[str, str],
 ) -> int:
     pixels = min(camera.width, camera.height)
-    wanted = (EDGE_ERROR / (0.25 * tolerance * pixels)) ** (2 / 3)
+    edge_error = EDGE_ERROR * (HARD_SHADOWS if found.lamps and not found.convex_body else 1)
+    wanted = (edge_error / (0.25 * tolerance * pixels)) ** (2 / 3)
     side = max(1, min(math.ceil(wanted), MOST_SUPERSAMPLING))
-    parts["edges"] = EDGE_ERROR / (side**1.5 * pixels)
+    parts["edges"] = edge_error / (side**1.5 * pixels)
     reasons["supersampling"] = f"{side} x {side} rays a pixel for edges and textures"
     return side

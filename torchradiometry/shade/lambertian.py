@@ -103,6 +103,8 @@ def lambertian_shading(
     check_image("albedo", albedo, None, normal)
     received = image_irradiance(normal, sources, position, visibility)
     check_channels("albedo", albedo, received)
+    if torch.compiler.is_exporting():  # the exporter rounds addcmul's factor to float32
+        return albedo * received / math.pi
     # one pass over the pixels: 0 + (1/pi) * albedo * E
     return torch.addcmul(albedo.new_zeros(()), albedo, received, value=1 / math.pi)
 

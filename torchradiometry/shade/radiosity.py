@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, final
 
-import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError

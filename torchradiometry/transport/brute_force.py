@@ -69,7 +69,7 @@ class BruteForceRays(AbstractRayCaster):
     def occluded(
         self, origin: Float[Tensor, "ray 3"], target: Float[Tensor, "ray 3"]
     ) -> Bool[Tensor, "ray"]:
-        start, extent = shortened(*(p.to(self.corners) for p in (origin, target)), self.tolerance)
+        start, extent = shortened(origin.to(self.corners), target.to(self.corners), self.tolerance)
         found = [
             (self._crossings(o, d) <= 1).any(-1)
             for o, d in zip(*self._blocks(start, extent), strict=True)

@@ -88,14 +88,13 @@ def patch_points(
 
 def _shares(sides: int, degree: int, split: int, like: Tensor) -> tuple[Tensor, Tensor]:
     """Corner shares `point corner` and weights `point` on the parts of the unit patch."""
-    kind = {"dtype": torch.float64, "device": like.device}
-    if sides == 3:
-        share, weight = _triangle_rule(degree)
-        unit = torch.eye(3, **kind)
-    else:
-        share, weight = _quad_rule(degree)
-        unit = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], **kind)
-    share, weight = torch.tensor(share, **kind), torch.tensor(weight, **kind)
+    triangle = sides == 3
+    nodes, weights = _triangle_rule(degree) if triangle else _quad_rule(degree)
+    square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+    share, weight, unit = (
+        torch.tensor(rows, dtype=torch.float64, device=like.device)
+        for rows in (nodes, weights, torch.eye(3).tolist() if triangle else square)
+    )
     if split > 1:
         edge = float((unit.roll(-1, 0) - unit).norm(dim=-1).max()) / split
         parts = subdivide(Patches(unit.unsqueeze(0)), edge)[0].corners
@@ -103,7 +102,7 @@ def _shares(sides: int, degree: int, split: int, like: Tensor) -> tuple[Tensor, 
         weight = weight.repeat(len(parts)) / len(parts)
         u, v = points[:, 0], points[:, 1]
         corners = ((1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v)
-        share = points if sides == 3 else torch.stack(corners, -1)
+        share = points if triangle else torch.stack(corners, -1)
     return share.to(like), weight.to(like)
 
 

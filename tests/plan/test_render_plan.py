@@ -1,0 +1,164 @@
+"""Plans: only what the scene calls for, JSON-able, and an error that is not above the promise."""
+
+import json
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from torchradiometry import errors, files, plan, render, scene, sources
+
+UPRIGHT = ("left", "right", "top", "back", "front")
+
+
+def floor() -> scene.Surface:
+    return scene.quad("floor", [[-2, 0, 2], [2, 0, 2], [2, 0, -2], [-2, 0, -2]], albedo=0.6)
+
+
+def sun() -> sources.DirectionalSource:
+    return sources.DirectionalSource([[0.5, 1.0, 0.4]], [[3.0]])
+
+
+def ball() -> scene.Scene:
+    return scene.with_default_view(
+        scene.Scene((scene.sphere("ball", 1.0, subdivisions=2),), (sun(),)), width=40, height=30
+    )
+
+
+def crate() -> scene.Scene:
+    body = scene.box("crate", (0.8, 0.8, 0.8), (0, 0.4, 0), turn=0.3, sides=UPRIGHT, albedo=0.7)
+    return scene.with_default_view(scene.Scene((floor(), body), (sun(),)), width=40, height=30)
+
+
+def room(**options: object) -> scene.Scene:
+    camera = scene.cornell_like_room(width=40, height=30).cameras
+    return scene.Scene(scene.room(**options), (), camera)
+
+
+SCENES = {
+    "ball": ball,
+    "crate": crate,
+    "empty room": room,
+    "cornell": lambda: scene.cornell_like_room(width=40, height=30, lamp=True),
+}
+
+
+def relative_error(picture: render.Picture, reference: render.Picture) -> float:
+    mask = ~reference.emitter
+    difference = (picture.radiance - reference.radiance)[mask].abs().sum()
+    return float(difference / reference.radiance[mask].sum())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_measured_error_is_at_most_the_predicted_one(name: str) -> None:
+    made = SCENES[name]()
+    camera = made.cameras[0]
+    planned = [plan.plan_render(made, camera, t) for t in (0.3, 0.1)]
+    size = planned[-1].patch_size
+    finer = replace(
+        planned[-1].settings,
+        bounces=planned[-1].bounces * 2,
+        patch_size=size and size / 2,
+        shadow_samples=8 if planned[-1].shadow_samples else 0,
+        supersampling=6,
+        seed=7,
+    )
+    reference = render.render(made, camera, finer)
+    for each in planned:
+        measured = relative_error(render.render(made, camera, each.settings), reference)
+        assert measured <= each.predicted_error <= each.tolerance
+
+
+def test_a_convex_body_under_a_distant_lamp_has_no_global_effect() -> None:
+    made = ball()
+    found = plan.plan_render(made, made.cameras[0], 0.05)
+    assert found.bounces == 0
+    assert found.shadow_samples == 0
+    assert found.patch_size is None
+    assert "convex" in found.reasons["interreflection"]
+    assert found.settings.bounces == 0
+
+
+def test_what_is_left_out_has_its_reason() -> None:
+    made = crate()
+    black = replace(made, surfaces=tuple(replace(s, albedo=s.albedo * 0) for s in made.surfaces))
+    assert (
+        "nothing reflects"
+        in plan.plan_render(black, made.cameras[0], 0.1).reasons["interreflection"]
+    )
+    dark = replace(made, sources=())
+    assert plan.plan_render(dark, made.cameras[0], 0.1).bounces == 0
+    lamps = plan.plan_render(made, made.cameras[0], 0.1)
+    assert lamps.shadow_samples == 1
+    assert "no area" in lamps.reasons["shadows"]
+    empty = room()
+    assert plan.plan_render(empty, empty.cameras[0], 0.1).shadow_samples == 0
+
+
+def test_a_looser_tolerance_never_asks_for_more() -> None:
+    made = SCENES["cornell"]()
+    plans = [plan.plan_render(made, made.cameras[0], t) for t in (0.02, 0.05, 0.1, 0.3)]
+    for tight, loose in pairwise(plans):
+        assert loose.bounces <= tight.bounces
+        assert loose.shadow_samples <= tight.shadow_samples
+        assert loose.supersampling <= tight.supersampling
+        assert loose.patch_size >= tight.patch_size
+        assert loose.predicted_error >= tight.predicted_error
+
+
+def test_an_unreachable_tolerance_is_said() -> None:
+    made = SCENES["cornell"]()
+    found = plan.plan_render(made, made.cameras[0], 1e-4)
+    assert found.predicted_error > 1e-4
+    assert "not met" in found.reasons["tolerance"]
+
+
+def test_a_plan_is_json() -> None:
+    made = SCENES["cornell"]()
+    found = plan.plan_render(made, made.cameras[0], 0.1)
+    told = json.loads(json.dumps(found.to_dict()))
+    assert told["predicted_error"] == found.predicted_error
+    assert math.isclose(sum(told["parts"].values()), found.predicted_error)
+    assert set(told["reasons"]) >= {"interreflection", "patches", "shadows", "supersampling"}
+
+
+def test_bad_tolerances_and_empty_scenes_are_named() -> None:
+    made = crate()
+    for tolerance in (0.0, 1.0, -1.0, float("nan")):
+        with pytest.raises(errors.OutOfRangeError, match="tolerance"):
+            plan.plan_render(made, made.cameras[0], tolerance)
+    with pytest.raises(errors.EmptySceneError):
+        plan.plan_render(scene.Scene(), made.cameras[0], 0.1)
+
+
+@pytest.mark.parametrize("ending", [".npy", ".png"])
+def test_render_file(tmp_path: Path, ending: str) -> None:
+    scene.save_scene(crate(), tmp_path / "crate.glb")
+    out = tmp_path / f"picture{ending}"
+    report = plan.render_file(tmp_path / "crate.glb", out, width=16, height=12, tolerance=0.3)
+    assert {"out", "seconds", "plan", "predicted_error"} <= set(json.loads(json.dumps(report)))
+    pixels = files.read_picture(out)
+    assert pixels.shape == (12, 16, 3)
+    assert np.isfinite(pixels).all()
+    assert pixels.max() > 0
+
+
+def test_render_file_leaves_nothing_behind_on_bad_input(tmp_path: Path) -> None:
+    path = tmp_path / "crate.glb"
+    scene.save_scene(crate(), path)
+    with pytest.raises(errors.FileFormatError, match="ending"):
+        plan.render_file(path, tmp_path / "picture.jpeg")
+    with pytest.raises(errors.InputFileError, match="folder"):
+        plan.render_file(path, tmp_path / "nowhere" / "picture.png")
+    with pytest.raises(errors.InputFileError):
+        plan.render_file(tmp_path / "missing.glb", tmp_path / "picture.png")
+    with pytest.raises(errors.OutOfRangeError):
+        plan.render_file(path, tmp_path / "picture.png", tolerance=2.0)
+    with pytest.raises(errors.OutOfRangeError):
+        plan.render_file(path, tmp_path / "picture.png", width=0)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["crate.glb"]
+    assert torch.is_grad_enabled()
