@@ -159,7 +159,7 @@ def test_bad_scenes_end_in_one_sentence(
         ("render", "box.glb", "--out", "x.npy", "--tolerance", "0"),
         ("render", "box.glb", "--out", "x.npy", "--tolerance", "nan"),
         ("normals", "missing", "--out", "x.npy"),
-        ("normals", ".", "--out", "x.npy"),
+        ("normals", "empty", "--out", "x.npy"),
         ("normals", "ball/001.png", "--out", "x.npy"),
         ("normals", "ball/001.png", "--mask", "missing.png", "--out", "x.npy"),
         ("normals", "ball", "--out", "x.jpg"),
@@ -178,12 +178,13 @@ def test_bad_arguments_end_in_one_sentence(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_sphere_set(tmp_path / "ball")
+    (tmp_path / "empty").mkdir()
     save_scene(Scene((box("crate", (1.0, 1.0, 1.0)),)), tmp_path / "box.glb")
     code, out, err = run(capsys, *arguments)
     assert (code, out) == (2, "")
     assert err.startswith("torchradiometry: ")
     assert err.count("\n") == 1
-    assert only_inputs_remain(tmp_path, "ball", "box.glb")
+    assert only_inputs_remain(tmp_path, "ball", "box.glb", "empty")
 
 
 def spoil_mask(folder: Path) -> None:

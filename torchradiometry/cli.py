@@ -123,7 +123,7 @@ def normals(
 
 @app.command()
 def export(
-    layer: Annotated[str | None, typer.Argument(metavar="LAYER", help="A name from --list.")] = None,
+    layer: Annotated[str | None, typer.Argument(metavar="LAYER", help="One of --list.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="The .onnx file to write.")] = None,
     list_layers: Annotated[
         bool, typer.Option("--list", help="Print the layers that can be exported.")
@@ -135,13 +135,13 @@ def export(
     Example: torchradiometry export phong-point --out phong.onnx
     """
     if list_layers:
-        rows = torchradiometry.export.list_layers()
+        rows = torchradiometry.export.export_catalogue()
         text = "\n".join(f"{row['name']:28s} {', '.join(row['inputs'])}" for row in rows)
         _print_report({"layers": rows}, json, text)
         return
     if layer is None or out is None:
         raise typer.BadParameter("name a LAYER and --out FILE.onnx, or pass --list")
-    report = torchradiometry.export.export_layer(layer, out)
+    report = torchradiometry.export.export_file(layer, out)
     _print_report(
         report,
         json,

@@ -100,7 +100,7 @@ def clamped_cosine(
 
     Differentiable with respect to both; the kink at the horizon has gradient 0.
     """
-    return dot(a, b).clamp(min=0)
+    return dot(a, b).relu()
 
 
 def guarded_divide(

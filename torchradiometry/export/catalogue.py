@@ -16,10 +16,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import NotConvergedError, OutOfRangeError
 from torchradiometry.export.onnx_file import export_onnx
+from torchradiometry.export.parity import check_onnx
 from torchradiometry.export.sources_as_inputs import SourcesAsInputs
 from torchradiometry.export.vocabulary import InputNote, note_for
+from torchradiometry.files import atomic_path
 from torchradiometry.geometry.depth import depth_to_normals
 from torchradiometry.materials.blinn_phong import BlinnPhong
 from torchradiometry.materials.phong import NormalizedPhong, OriginalPhong, Phong
@@ -35,7 +37,7 @@ from torchradiometry.sources.polygon import PolygonSource
 from torchradiometry.sources.sphere import SphereSource
 from torchradiometry.sources.spot import SpotSource
 
-__all__ = ["LAYERS", "ExportLayer", "export_catalogue", "export_layer"]
+__all__ = ["LAYERS", "ExportLayer", "export_catalogue", "export_file", "export_layer"]
 
 BATCH, HEIGHT, WIDTH, LIGHTS = 2, 3, 4, 2
 
@@ -199,6 +201,37 @@ def export_layer(name: str, path: str | Path) -> Path:
         raise OutOfRangeError("layer", f"{name!r}", f"pass one of {', '.join(LAYERS)}")
     layer = LAYERS[name]()
     return export_onnx(layer.module, layer.example, path, axes=layer.axes, outputs=layer.outputs)
+
+
+def export_file(name: str, path: str | Path) -> dict[str, object]:
+    """Write a layer of the catalogue, check it under onnxruntime, and report: the command.
+
+    Args:
+        name: a key of `LAYERS`.
+        path: where to write; nothing is left there when the check fails.
+
+    Returns:
+        `out`, `layer`, `max_absolute`, `max_relative` and the `shapes` that were tried.
+
+    Raises:
+        OutOfRangeError: no such name.
+        InputFileError: the folder of `path` does not exist.
+        NotConvergedError: onnxruntime computes something else.
+    """
+    with atomic_path(path) as temporary:
+        export_layer(name, temporary)
+        check = check_onnx(temporary, LAYERS[name]().module)
+        if not check.passed:
+            raise NotConvergedError(
+                name, f"a difference of {check.max_relative:.1e}", "report it with your versions"
+            )
+    return {
+        "out": str(path),
+        "layer": name,
+        "max_absolute": check.max_absolute,
+        "max_relative": check.max_relative,
+        "shapes": check.shapes,
+    }
 
 
 def export_catalogue() -> list[dict[str, object]]:
