@@ -67,9 +67,9 @@ def test_the_measured_error_is_at_most_the_predicted_one(name: str) -> None:
         supersampling=6,
         seed=7,
     )
-    reference = render.render(made, camera, finer)
+    reference = render.render_scene(made, camera, finer)
     for each in planned:
-        measured = relative_error(render.render(made, camera, each.settings), reference)
+        measured = relative_error(render.render_scene(made, camera, each.settings), reference)
         assert measured <= each.predicted_error <= each.tolerance
 
 

@@ -42,7 +42,7 @@ def test_furnace_room_is_uniform() -> None:
     same = tuple(
         replace(s, albedo=torch.full((3,), 0.4).double(), emission=glow) for s in made.surfaces
     )
-    picture = render.render(
+    picture = render.render_scene(
         scene.Scene(same), made.cameras[0], replace(FAST, bounces=40, patch_size=1.0)
     )
     # direct light of every face by 4 to 16 shadow rays, corrected by nothing: 2 % each pixel
@@ -55,7 +55,7 @@ def test_furnace_room_is_uniform() -> None:
 def test_point_light_over_a_floor_is_the_inverse_square_law() -> None:
     lamp = sources.PointSource([[0.0, 1.0, 0.0]], [[3.0, 2.0, 1.0]]).double()
     view = camera_above()
-    picture = render.render(scene.Scene((floor(),), (lamp,)), view, FAST)
+    picture = render.render_scene(scene.Scene((floor(),), (lamp,)), view, FAST)
     pixels = view.pixel_grid().reshape(-1, 2)
     origin, _ = view.rays(pixels)
     squared = origin[:, 0] ** 2 + origin[:, 2] ** 2 + 1
@@ -90,7 +90,7 @@ def test_a_lamp_drawn_onto_the_ceiling_covers_it() -> None:
     )  # fmt: skip
     place = geometry.look_at((0.0, 0.1, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)).double()
     view = geometry.PinholeCamera(width=8, height=8, yfov=1.0, camera_to_world=place)
-    picture = render.render(scene.Scene((ceiling, panel, floor())), view, FAST)
+    picture = render.render_scene(scene.Scene((ceiling, panel, floor())), view, FAST)
     assert picture.emitter.all()
     assert (picture.radiance >= 1).all()
 
@@ -100,12 +100,14 @@ def test_backs_are_black_and_background_is_zero() -> None:
     below = camera_above(-2.0)
     place = geometry.look_at((0.0, -2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)).double()
     below = replace(below, camera_to_world=place)
-    assert (render.render(scene.Scene((floor(),), (lamp,)), below, FAST).radiance == 0).all()
+    assert (render.render_scene(scene.Scene((floor(),), (lamp,)), below, FAST).radiance == 0).all()
     wide = replace(camera_above(), ymag=10.0)
-    assert (render.render(scene.Scene((floor(),), (lamp,)), wide, FAST).radiance[0] == 0).all()
+    assert (
+        render.render_scene(scene.Scene((floor(),), (lamp,)), wide, FAST).radiance[0] == 0
+    ).all()
     lit_below = sources.PointSource([[0.0, -1.0, 0.0]], [[3.0]]).double()
     sheet = scene.Scene((floor(two_sided=True),), (lit_below,))
-    centre = render.render(sheet, below, FAST).radiance[4, 4, 0]
+    centre = render.render_scene(sheet, below, FAST).radiance[4, 4, 0]
     assert_close(centre, 0.5 * 3 / math.pi, rtol=1e-9)
 
 
@@ -114,7 +116,7 @@ def test_textures_stay_sharp() -> None:
     uv = torch.tensor([[0.0, 0], [1, 0], [1, 1], [0, 1]], dtype=torch.float64)
     painted = replace(floor(1.0), texture=scene.Texture(image, uv, ("clamp", "clamp")))
     sun = sources.DirectionalSource([[0.0, 1.0, 0.0]], [[math.pi]]).double()
-    picture = render.render(
+    picture = render.render_scene(
         scene.Scene((painted,), (sun,)), replace(camera_above(), ymag=1.9), FAST
     )
     assert_close(picture.radiance[:, 0, 0], 0.0, atol=1e-9)
@@ -168,7 +170,7 @@ def test_energy_balance_of_a_room() -> None:
 def test_patches_converge() -> None:
     made = cornell()
     pictures = [
-        render.render(made, made.cameras[0], replace(FAST, patch_size=size, bounces=12))
+        render.render_scene(made, made.cameras[0], replace(FAST, patch_size=size, bounces=12))
         for size in (2.4, 1.2, 0.6)
     ]
     fine = pictures[-1].radiance
@@ -180,7 +182,7 @@ def test_patches_converge() -> None:
 def test_more_bounces_never_darken_and_bound_the_rest() -> None:
     made = cornell()
     few, many = (
-        render.render(made, made.cameras[0], replace(FAST, bounces=b, ambient_tail=False))
+        render.render_scene(made, made.cameras[0], replace(FAST, bounces=b, ambient_tail=False))
         for b in (2, 30)
     )
     assert (many.radiance >= few.radiance - 1e-12).all()
@@ -202,7 +204,7 @@ def test_colour_bleeds_from_the_red_wall() -> None:
 
 def test_the_same_seed_gives_the_same_picture() -> None:
     made = cornell(8, 6)
-    first, second = (render.render(made, made.cameras[0], FAST).radiance for _ in range(2))
+    first, second = (render.render_scene(made, made.cameras[0], FAST).radiance for _ in range(2))
     assert (first == second).all()
 
 
@@ -215,7 +217,9 @@ def test_gradients_reach_albedo_emission_and_lamps() -> None:
     def mean(rho: Tensor, glow: Tensor) -> Tensor:
         surfaces = (replace(made.surfaces[0], albedo=rho), *made.surfaces[1:5],
                     replace(made.surfaces[5], emission=glow), *made.surfaces[6:])  # fmt: skip
-        return render.render(scene.Scene(surfaces, (lamp,)), made.cameras[0], FAST).radiance.mean()
+        return render.render_scene(
+            scene.Scene(surfaces, (lamp,)), made.cameras[0], FAST
+        ).radiance.mean()
 
     mean(albedo, emission).backward()
     step = 1e-6
@@ -263,7 +267,7 @@ def test_smooth_balls_have_no_seams() -> None:
 def test_bad_requests_are_named() -> None:
     made = cornell(4, 3)
     with pytest.raises(errors.EmptySceneError):
-        render.render(scene.Scene(), made.cameras[0], FAST)
+        render.render_scene(scene.Scene(), made.cameras[0], FAST)
     with pytest.raises(errors.OutOfRangeError, match="patch_size"):
         render.RenderSettings(patch_size=-1.0)
     with pytest.raises(errors.OutOfRangeError, match="supersampling"):
@@ -271,7 +275,7 @@ def test_bad_requests_are_named() -> None:
     with pytest.raises(errors.DTypeError, match="bounces"):
         render.RenderSettings(bounces=1.5)  # type: ignore[arg-type]
     with pytest.raises(errors.ResourceLimitError, match="bytes"):
-        render.render(made, made.cameras[0], replace(FAST, budget=1000))
+        render.render_scene(made, made.cameras[0], replace(FAST, budget=1000))
 
 
 def test_lattice_finds_the_patch_that_holds_a_point(generator: torch.Generator) -> None:

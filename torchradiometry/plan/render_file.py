@@ -11,7 +11,7 @@ import torch
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
 from torchradiometry.files import PICTURE_ENDINGS, write_picture
 from torchradiometry.plan.render_plan import plan_render
-from torchradiometry.render.picture import render
+from torchradiometry.render.picture import render_scene
 from torchradiometry.scene.defaults import with_default_view
 from torchradiometry.scene.load import load_scene
 
@@ -53,7 +53,7 @@ def render_file(
     camera = replace(loaded.cameras[0], width=width, height=height)
     plan = plan_render(loaded, camera, tolerance)
     with torch.no_grad():
-        picture = render(loaded, camera, plan.settings)
+        picture = render_scene(loaded, camera, plan.settings)
     pixels = picture.radiance
     write_picture(out, pixels.expand(*pixels.shape[:2], 3).cpu().numpy())
     return {

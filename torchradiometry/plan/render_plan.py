@@ -68,7 +68,7 @@ class RenderPlan:
 
     @property
     def settings(self) -> RenderSettings:
-        """What `render` takes."""
+        """What `render_scene` takes."""
         return RenderSettings(
             bounces=self.bounces,
             patch_size=self.patch_size,

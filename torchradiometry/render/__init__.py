@@ -7,7 +7,7 @@ from torchradiometry.render.direct import (
     sky_visibility,
 )
 from torchradiometry.render.indirect import Indirect, indirect_light
-from torchradiometry.render.picture import Picture, render
+from torchradiometry.render.picture import Picture, render_scene
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
 
@@ -21,6 +21,6 @@ __all__ = [
     "indirect_light",
     "lamp_irradiance",
     "prepare",
-    "render",
+    "render_scene",
     "sky_visibility",
 ]

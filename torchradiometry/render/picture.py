@@ -31,7 +31,7 @@ from torchradiometry.scene.scene import Scene
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 
-__all__ = ["Picture", "SurfacePoints", "render", "see"]
+__all__ = ["Picture", "SurfacePoints", "render_scene", "see"]
 
 #: camera rays that are shaded at a time
 BLOCK = 2**16
@@ -80,7 +80,9 @@ class SurfacePoints(NamedTuple):
     facet: Float[Tensor, "ray 3"]
 
 
-def render(scene: Scene, camera: AbstractCamera, settings: RenderSettings | None = None) -> Picture:
+def render_scene(
+    scene: Scene, camera: AbstractCamera, settings: RenderSettings | None = None
+) -> Picture:
     """The picture of a scene.
 
     Args:

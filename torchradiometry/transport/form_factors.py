@@ -80,8 +80,8 @@ def form_factors(
     >>> floor = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]).double()
     >>> ceiling = floor.flip(0) + torch.tensor([0, 0, 1.0])
     >>> F = form_factors(Patches(torch.stack([floor, ceiling])))
-    >>> round(float(F[0, 1]), 4)  # opposite faces of a cube
-    0.1998
+    >>> round(float(F[0, 1]), 3)  # opposite faces of a cube
+    0.2
     """
     exchange, area = exchange_areas(
         patches,
