@@ -136,7 +136,7 @@ def export(
     """
     if list_layers:
         rows = torchradiometry.export.export_catalogue()
-        text = "\n".join(f"{row['name']:28s} {', '.join(row['inputs'])}" for row in rows)
+        text = "\n".join(f"{row['name']:28s} {', '.join(map(str, row['inputs']))}" for row in rows)
         _print_report({"layers": rows}, json, text)
         return
     if layer is None or out is None:

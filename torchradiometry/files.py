@@ -251,9 +251,8 @@ def write_picture(
         elif ending == ".exr":
             _write_exr(temporary, pixels)
         else:
-            if ending == ".png":
-                pixels = _tone_mapped(pixels, exposure)
-            if not _opencv().imwrite(str(temporary), pixels[..., ::-1]):
+            stored = _tone_mapped(pixels, exposure) if ending == ".png" else pixels
+            if not _opencv().imwrite(str(temporary), stored[..., ::-1]):
                 raise FileFormatError(str(path), "a picture OpenCV cannot write", "try .npy")
     return path
 

@@ -6,10 +6,10 @@ import inspect
 from pathlib import Path
 
 import pytest
-from torchradiometry.transport.rays import AbstractRayCaster
 
 from tests import cases
 from torchradiometry import materials, shade, solve, sources, transport
+from torchradiometry.transport.rays import AbstractRayCaster
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 FAMILIES = {

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -234,7 +234,7 @@ def export_file(name: str, path: str | Path) -> dict[str, object]:
     }
 
 
-def export_catalogue() -> list[dict[str, object]]:
+def export_catalogue() -> list[dict[str, Any]]:
     """Every name with its inputs (axes and unit each) and outputs, ready for printing or JSON.
 
     >>> entry = next(e for e in export_catalogue() if e["name"] == "lambertian")
