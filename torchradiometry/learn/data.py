@@ -45,7 +45,7 @@ class SurfaceOptions:
         indirect: light from neighbouring surfaces.
     """
 
-    shapes: int = 300
+    shapes: int = 200
     pixels: int = 400
     lights: int = 100
     size: int = 64

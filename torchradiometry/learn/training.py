@@ -65,7 +65,7 @@ class PhotometricTraining:
         checkpoint_every: steps between checkpoints.
     """
 
-    steps: int = 2500
+    steps: int = 1500
     surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
     batch_shapes: int = 16
     batch_pixels: int = 32
@@ -107,7 +107,7 @@ class ShadingTraining:
         checkpoint_every: steps between checkpoints.
     """
 
-    steps: int = 1000
+    steps: int = 400
     images: int = 8
     size: int = 64
     shadows: bool = True

@@ -26,7 +26,7 @@ from torch import Tensor
 
 from torchradiometry.errors import EmptySceneError, OutOfRangeError
 from torchradiometry.geometry.cameras import AbstractCamera
-from torchradiometry.geometry.meshes import face_areas
+from torchradiometry.plan.pilot import mutual_view, reflected_share
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene, Triangles
 from torchradiometry.transport.rays import RELATIVE_TOLERANCE
@@ -91,6 +91,8 @@ class _Analysis(NamedTuple):
     convex_body: bool
     emitters: int
     lamps: int
+    faces: int
+    reflected: float
 
 
 def plan_render(scene: Scene, camera: AbstractCamera, tolerance: float) -> RenderPlan:
@@ -133,14 +135,18 @@ def _analyse(scene: Scene) -> _Analysis:
     scale = float((points.amax(0) - points.amin(0)).norm()) / 2
     margin = scale * RELATIVE_TOLERANCE
     emits = (triangles.emission > 0).any(-1)
+    albedo = float(triangles.albedo.max())
+    convex = _is_convex_body(triangles, points, margin)
     return _Analysis(
-        float(face_areas(points, torch.arange(len(points)).reshape(-1, 3)).sum()),
+        float(triangles.patches.area.sum()),
         scale,
-        float(triangles.albedo.max()),
+        albedo,
         bool(possible_blockers(triangles.corners, points, margin).any()),
-        _is_convex_body(triangles, points, margin),
+        convex,
         int(emits.sum()),
         len(scene.sources),
+        len(emits) + int(triangles.two_sided.sum()),
+        0.0 if convex else reflected_share(albedo, mutual_view(scene)),
     )
 
 
@@ -167,6 +173,15 @@ def _plan_bounces(
         return 0
     if found.emitters == 0 and found.lamps == 0:
         reasons["interreflection"] = "left out: nothing shines"
+        return 0
+    too_many = found.faces > MOST_PATCHES
+    if too_many or found.reflected < BOUNCE_SHARE * tolerance:
+        why = f"{found.faces} faces are more patches than the planner allows, {MOST_PATCHES}"
+        parts["interreflection"] = found.reflected
+        reasons["interreflection"] = (
+            f"left out: {why if too_many else 'surfaces hardly see each other'}; about "
+            f"{found.reflected:.2g} of the light at most"
+        )
         return 0
     q = min(found.albedo, 1.0)
     goal = BOUNCE_SHARE * tolerance

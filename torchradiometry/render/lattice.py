@@ -66,17 +66,19 @@ def build_lattice(
     """
     patches, vertices = splits**2, (splits + 1) * (splits + 2) // 2
     first_patch, first_vertex = patches.cumsum(0) - patches, vertices.cumsum(0) - vertices
-    triangle = torch.repeat_interleave(torch.arange(len(splits)), patches)
-    owner = torch.repeat_interleave(torch.arange(len(splits)), vertices)
+    number = torch.arange(len(splits), device=splits.device)
+    triangle = torch.repeat_interleave(number, patches)
+    owner = torch.repeat_interleave(number, vertices)
     position = corners.new_zeros(len(owner), 3)
-    vertex = torch.zeros(len(triangle), 3, dtype=torch.int64)
+    vertex = splits.new_zeros(len(triangle), 3)
     for n in torch.unique(splits).tolist():
         members = torch.nonzero(splits == n).squeeze(-1)
         weight, cells = _grid(int(n), corners)
-        where = (first_vertex[members].unsqueeze(-1) + torch.arange(len(weight))).reshape(-1)
+        local = torch.arange(max(len(weight), len(cells)), device=splits.device)
+        where = (first_vertex[members].unsqueeze(-1) + local[: len(weight)]).reshape(-1)
         points = torch.einsum("vc,tcx->tvx", weight, corners[members]).reshape(-1, 3)
         position = position.index_put((where,), points)
-        slots = (first_patch[members].unsqueeze(-1) + torch.arange(len(cells))).reshape(-1)
+        slots = (first_patch[members].unsqueeze(-1) + local[: len(cells)]).reshape(-1)
         vertex[slots] = (cells + first_vertex[members].reshape(-1, 1, 1)).reshape(-1, 3)
     return Lattice(
         splits, first_patch, first_vertex, position[vertex], triangle, vertex, position, owner
@@ -85,11 +87,12 @@ def build_lattice(
 
 def _grid(n: int, like: Tensor) -> tuple[Tensor, Tensor]:
     """Corner weights of the grid vertices of one triangle, and the corners of its patches."""
-    j, i = torch.meshgrid(*(torch.arange(n + 1),) * 2, indexing="ij")
+    count = torch.arange(n * n + 1, device=like.device)
+    j, i = torch.meshgrid(*(count[: n + 1],) * 2, indexing="ij")
     keep = i + j <= n
     b, c = i[keep].to(like) / n, j[keep].to(like) / n
-    row = torch.arange(n).repeat_interleave(2 * (n - torch.arange(n)) - 1)
-    column = torch.arange(n * n) - row * (2 * n - row)
+    row = count[:n].repeat_interleave(2 * (n - count[:n]) - 1)
+    column = count[: n * n] - row * (2 * n - row)
     return torch.stack((1 - b - c, b, c), -1), _cell(n, column // 2, row, column % 2 == 1)
 
 
