@@ -27,9 +27,7 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
     patch = 1.5 if fast else 0.35
     pictures = []
     for bounces in (0, 1, 12):
-        settings = RenderSettings(
-            bounces=bounces, ambient_tail=False, patch_size=patch, **common
-        )
+        settings = RenderSettings(bounces=bounces, ambient_tail=False, patch_size=patch, **common)
         with torch.no_grad():
             pictures.append(render_scene(scene, camera, settings))
     direct, one, full = (picture.radiance for picture in pictures)

@@ -24,12 +24,6 @@ EVERY = {
     for kind, family in (("source", SOURCES), ("material", MATERIALS), ("layer", LAYERS))
     for case in family
 }
-#: layers around a source whose own graph is tested above; tracing it again takes longest and
-#: shows nothing new (their gradients are tested, and `mixed` layers hold several sources)
-REPEATED = {f"layer-lambertian_{kind}" for kind in ("spot", "sphere", "polygon", "half_dome")} | {
-    "layer-blinnphong_sphere"
-}
-GRAPHS = [name for name in EVERY if name not in REPEATED]
 #: layers that go through the C++ code generator, one for each kind of arithmetic; the others
 #: take the same traced graphs through the eager backend, whose compilation is cheap
 GENERATED = {"layer-lambertian_directional", "layer-phong_directional", "layer-ambient"}
@@ -84,15 +78,14 @@ def fresh_compiler():
     torch.compiler.reset()
 
 
-@pytest.mark.parametrize("name", GRAPHS)
+@pytest.mark.parametrize("name", EVERY)
 @pytest.mark.filterwarnings("ignore:.torch.jit.script:DeprecationWarning")  # in torch's own import
 def test_compiled_graph_computes_the_same_on_other_sizes(name: str) -> None:
     case, dtype = EVERY[name], torch.float32
     generated = name in GENERATED and shutil.which("g++") is not None
     module = build(case, dtype)
-    compiled = torch.compile(
-        module, fullgraph=True, dynamic=True, backend="inductor" if generated else "aot_eager"
-    )
+    backend = "inductor" if generated else "aot_eager"
+    compiled = torch.compile(module, fullgraph=True, backend=backend)
     for sizes in (SMALL, OTHER):
         inputs = case.inputs(dtype, sizes)
         for a, b in zip(
@@ -110,7 +103,7 @@ def axes(small: Tensor, other: Tensor) -> list[str]:
     return [str(a) if a == b else f"axis_{a}_{b}" for a, b in pairs]
 
 
-@pytest.mark.parametrize("name", GRAPHS)
+@pytest.mark.parametrize("name", EVERY)
 def test_onnxruntime_computes_the_same_on_other_sizes(name: str, tmp_path: Path) -> None:
     case, dtype = EVERY[name], torch.float64
     module = build(case, dtype)

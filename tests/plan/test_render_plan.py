@@ -162,3 +162,35 @@ def test_render_file_leaves_nothing_behind_on_bad_input(tmp_path: Path) -> None:
         plan.render_file(path, tmp_path / "picture.png", width=0)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["crate.glb"]
     assert torch.is_grad_enabled()
+
+
+def dented_ball() -> scene.Scene:
+    """A body that is not convex, with more faces than the planner turns into patches."""
+    ball = scene.sphere("ball", 1.0, subdivisions=5, smooth=False)
+    dent = 1 - 0.3 * torch.exp(-8 * (1 - ball.vertices[:, 2:]))
+    body = replace(ball, vertices=ball.vertices * dent)
+    return scene.with_default_view(scene.Scene((body,), (sun(),)), width=20, height=15)
+
+
+def test_a_mesh_of_too_many_faces_is_rendered_without_interreflection_and_says_so() -> None:
+    made = dented_ball()
+    found = plan.plan_render(made, made.cameras[0], 0.01)
+    assert found.bounces == 0
+    assert "20480 faces" in found.reasons["interreflection"]
+    assert found.parts["interreflection"] > 0
+    assert "not met" in found.reasons["tolerance"]
+    picture = render.render_scene(made, made.cameras[0], found.settings)
+    assert torch.isfinite(picture.radiance).all()
+    assert picture.radiance.max() > 0
+
+
+def test_mutual_view_of_a_closed_room_is_one_and_of_a_ball_zero() -> None:
+    assert plan.mutual_view(room()) == pytest.approx(1.0, abs=0.01)
+    assert plan.mutual_view(ball()) == pytest.approx(0.0, abs=0.01)
+
+
+def test_reflected_share_never_exceeds_the_albedo_and_grows_with_view() -> None:
+    shares = [plan.reflected_share(0.5, view) for view in (0.0, 0.1, 0.5, 1.0)]
+    assert shares[0] == 0
+    assert all(a < b <= 0.5 for a, b in pairwise(shares[:3]))
+    assert shares[-1] == 0.5

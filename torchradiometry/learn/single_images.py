@@ -95,7 +95,7 @@ def _smooth_noise(images: int, size: int, generator: torch.Generator) -> Tensor:
 
 
 def _exposed(radiance: Tensor, generator: torch.Generator) -> Tensor:
-    """Scaled to 0..1, with a little noise and 8-bit sRGB-like steps in the darks."""
+    """Scaled to 0..1, with a little noise."""
     brightest = radiance.amax((-2, -1), keepdim=True)
     exposed = radiance / torch.where(brightest > 0, brightest, 1)
     noise = 0.01 * torch.randn(exposed.shape, generator=generator)

@@ -66,7 +66,7 @@ def height_field_visibility(
         ShapeError: another rank.
 
     Differentiable in: nothing (a hard shadow is a step).
-    Export: compile yes, ONNX yes.
+    Export: compile yes; ONNX no, the number of steps follows the size of the map.
 
     References: see the module.
 
@@ -110,7 +110,7 @@ def height_field_hits(
         Index of the pixel met.
 
     Differentiable in: nothing.
-    Export: compile yes, ONNX yes.
+    Export: compile yes; ONNX no, the number of steps follows the size of the map.
 
     >>> wall = torch.tensor([[[0.0, 0.0, 0.0, 5.0]]])
     >>> height_field_hits(wall, torch.tensor([[0.8, 0.0, 0.6]]))[0, 0]
