@@ -23,8 +23,8 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
     scene = cornell_like_room()
     size = 32 if fast else 288
     camera = replace(scene.cameras[0], width=size, height=size)
-    common = {"supersampling": 1, "shadow_samples": 2} if fast else {"supersampling": 3}
-    patch = 1.5 if fast else 0.35
+    common = {"supersampling": 1, "shadow_samples": 2} if fast else {"shadow_samples": 8}
+    patch = 1.5 if fast else 0.4
     pictures = []
     for bounces in (0, 1, 12):
         settings = RenderSettings(bounces=bounces, ambient_tail=False, patch_size=patch, **common)

@@ -62,11 +62,12 @@ def compare_with_rasteriser(folder: Path, size: int) -> Section:
         missing = f"The rasteriser could not run, so there is no comparison here: {error}"
         return Section(TITLE, (missing,), figures, data={"compared": False})
     error_map, difference = _difference(ours, theirs, points)
+    white = 10.0 ** math.ceil(math.log10(max(float(difference.max()), torch.finfo().tiny)))
     write_picture(folder / "mesh-pyrender.png", theirs.radiance.numpy(), exposure=_exposure(ours))
-    write_picture(folder / "mesh-difference.png", error_map.numpy(), exposure=1.0)
+    write_picture(folder / "mesh-difference.png", error_map.numpy(), exposure=1 / white)
     figures += [
         Figure("mesh-pyrender.png", "pyrender, linear floating-point framebuffer."),
-        Figure("mesh-difference.png", "Relative difference x 100: white is 1 % or more."),
+        Figure("mesh-difference.png", f"Relative difference: white is {100 * white:g} %."),
     ]
     median, worst = float(difference.median()), float(difference.max())
     table = Table(
@@ -135,7 +136,7 @@ def _difference(
     brightness = ours.amax(-1)
     inner &= brightness > 0.01 * brightness.max()
     relative = (ours - theirs.radiance).abs().amax(-1) / torch.where(inner, brightness, 1)
-    picture = torch.where(inner, 100 * relative, 0).unsqueeze(-1).expand(-1, -1, 3)
+    picture = torch.where(inner, relative, 0).unsqueeze(-1).expand(-1, -1, 3)
     return picture, relative[inner]
 
 
