@@ -72,7 +72,7 @@ def compare_with_rasteriser(folder: Path, size: int) -> Section:
     median, worst = float(difference.median()), float(difference.max())
     table = Table(
         ("relative difference of radiance", "%"),
-        (("median pixel", f"{100 * median:.4f}"), ("worst pixel", f"{100 * worst:.4f}")),
+        (("median pixel", f"{100 * median:.2g}"), ("worst pixel", f"{100 * worst:.2g}")),
     )
     words = (
         "A mesh is loaded from a GLB file and lit by a distant, a near and a spot light. Our "
@@ -80,7 +80,7 @@ def compare_with_rasteriser(folder: Path, size: int) -> Section:
         f"{difference.numel()} pixels are compared; the outline is left out.",
     )
     data = {"compared": True, "median": median, "worst": worst, "pixels": difference.numel()}
-    return Section(TITLE, words, figures, (table,), data)
+    return Section(TITLE, words, figures, (table,), data=data)
 
 
 TITLE = "1. A mesh: our layers beside an independent rasteriser"

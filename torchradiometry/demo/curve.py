@@ -12,7 +12,7 @@ __all__ = ["draw_learning_curve", "sample_photograph"]
 
 
 def draw_learning_curve(path: Path, degrees: Sequence[float]) -> None:
-    """Mean angle over training steps, raw and smoothed, on a logarithmic scale."""
+    """Mean angle over training steps, raw and smoothed."""
     _matplotlib()
     from matplotlib.figure import Figure
 
@@ -22,7 +22,7 @@ def draw_learning_curve(path: Path, degrees: Sequence[float]) -> None:
     smooth = [sum(degrees[k : k + window]) / window for k in range(len(degrees) - window + 1)]
     axes.plot(range(1, len(degrees) + 1), degrees, color="0.75", linewidth=0.7, label="each step")
     axes.plot([k + window / 2 for k in range(len(smooth))], smooth, label=f"mean of {window}")
-    axes.set(xlabel="step", ylabel="degrees", yscale="log")
+    axes.set(xlabel="step", ylabel="degrees", ylim=(0, None))
     axes.legend(frameon=False)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110)

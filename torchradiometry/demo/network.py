@@ -100,8 +100,11 @@ def _learning(training: PhotometricTraining, trained: Trained) -> Section:
     )
     figures = (Figure("learning-curve.png", "Mean angle on each new synthetic batch."),)
     data = {"steps": training.steps, "seconds": trained.seconds, "degrees": degrees}
-    table = Table(("synthetic error of the last tenth", "degrees"), (("", f"{degrees:.2f}"),))
-    return Section("3. A network is trained", words, figures, (table,), data)
+    table = Table(
+        ("synthetic error, mean of the last tenth of the steps", "degrees"),
+        (("network", f"{degrees:.2f}"),),
+    )
+    return Section("3. A network is trained", words, figures, (table,), data=data)
 
 
 def _exported(model: Path, check: OnnxCheck) -> Section:
@@ -117,4 +120,4 @@ def _exported(model: Path, check: OnnxCheck) -> Section:
     )
     words = ("The network is written as one ONNX file and run on sizes it was not traced with.",)
     data = {"max_absolute": check.max_absolute, "degrees": degrees}
-    return Section("4. Exported to ONNX and checked", words, (), (table,), data)
+    return Section("4. Exported to ONNX and checked", words, (), (table,), data=data)

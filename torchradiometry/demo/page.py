@@ -55,6 +55,7 @@ class Section:
     words: Sequence[str]
     figures: Sequence[Figure] = ()
     tables: Sequence[Table] = ()
+    per_row: int = 4  #: figures side by side
     data: Mapping[str, object] = field(default_factory=dict)  #: for the JSON report
 
 
@@ -97,7 +98,9 @@ def write_page(folder: Path, title: str, lead: str, sections: Sequence[Section])
 def _section(section: Section) -> str:
     parts = [f"<h2>{escape(section.title)}</h2>"]
     parts += [f"<p>{escape(words)}</p>" for words in section.words]
-    parts += [_figure(figure) for figure in section.figures]
+    for first in range(0, len(section.figures), section.per_row):
+        row = section.figures[first : first + section.per_row]
+        parts.append(f"<div>{''.join(_figure(figure) for figure in row)}</div>")
     parts += [_table(table) for table in section.tables]
     return "\n".join(parts)
 
