@@ -96,7 +96,7 @@ def portrait_section(folder: Path) -> Section:
         Figure("portrait-right.png", "Relit from the right."),
     )
     return Section(
-        "5. A real photograph", words, figures, (), {"pixels": int(photograph.mask.sum())}
+        "5. A real photograph", words, figures, data={"pixels": int(photograph.mask.sum())}
     )
 
 
