@@ -57,6 +57,8 @@ MODULES = (*ROOMS, "numerics", "files", "demo", "cli")
 def __getattr__(name: str) -> object:
     if name in MODULES:
         return import_module(f"{__name__}.{name}")
+    if name == "__all__":  # asked for by `from torchradiometry import *`
+        return _public_names()
     if not name.startswith("_"):
         for room in ROOMS:
             module = import_module(f"{__name__}.{room}")
@@ -66,5 +68,8 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    names = [name for room in ROOMS for name in import_module(f"{__name__}.{room}").__all__]
-    return sorted({*names, *MODULES, "__version__"})
+    return sorted({*_public_names(), *MODULES, "__version__"})
+
+
+def _public_names() -> list[str]:
+    return [name for room in ROOMS for name in import_module(f"{__name__}.{room}").__all__]

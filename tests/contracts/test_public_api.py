@@ -38,6 +38,13 @@ def test_every_public_name_is_reachable_from_the_top() -> None:
         assert getattr(torchradiometry, name) is expected
 
 
+def test_star_import_brings_every_public_name() -> None:
+    found: dict[str, object] = {}
+    exec("from torchradiometry import *", found)
+    assert {entry.split(".")[1] for entry in public_names()} <= set(found)
+    assert set(dir(torchradiometry)) >= {"LambertianShading", "shade", "__version__"}
+
+
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="LambertianShader"):
         _ = torchradiometry.LambertianShader

@@ -24,7 +24,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import ShapeError
 from torchradiometry.shade.layout import (
     check_image,
-    check_near_sources,
+    check_sources,
     chosen_sources,
     to_image,
     to_points,
@@ -63,7 +63,7 @@ def image_irradiance(
     Export: compile yes, ONNX yes.
     """
     check_image("normal", normal, 3)
-    check_near_sources(sources, normal, position)
+    check_sources(sources, normal, position)
     if visibility is not None:
         check_image("visibility", visibility, None, normal)
     points = None if position is None else to_points(position)

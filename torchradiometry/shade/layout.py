@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "check_image",
-    "check_near_sources",
+    "check_sources",
     "chosen_sources",
     "to_image",
     "to_points",
@@ -108,12 +108,19 @@ def _check_same_size(where: str, image: Tensor, like: Tensor) -> None:
         )
 
 
-def check_near_sources(
+def check_sources(
     sources: Sequence[AbstractSource],
     normal: Float[Tensor, "B 3 H W"],
     position: Float[Tensor, "B 3 H W"] | None,
 ) -> None:
-    """Raise unless every near source has the positions it needs."""
+    """Raise unless the sources share dtype and device with the normals and know where they are.
+
+    Raises:
+        DTypeError: parameters of another dtype or on another device than the normals.
+        ShapeError: no positions for a near source.
+    """
+    for source in sources:
+        _check_same_kind(source, normal)
     near = [type(source).__name__ for source in sources if source.needs_position]
     if position is not None:
         check_image("position", position, 3, normal)
@@ -121,6 +128,16 @@ def check_near_sources(
         raise ShapeError(
             "position", "None", f"{near[0]} is a near source; pass position B x 3 x H x W in m"
         )
+
+
+def _check_same_kind(source: AbstractSource, normal: Tensor) -> None:
+    for held in (*source.parameters(), *source.buffers()):
+        if held.is_floating_point() and (held.dtype, held.device) != (normal.dtype, normal.device):
+            raise DTypeError(
+                type(source).__name__,
+                f"{held.dtype} on {held.device} under normals of {normal.dtype} on {normal.device}",
+                "move one of them: source.to(normal) moves the source",
+            )
 
 
 def chosen_sources(
@@ -172,7 +189,8 @@ def validate_layer_inputs(
 
     Raises:
         InvalidValueError: NaN or infinite numbers.
-        OutOfRangeError: normals that are not unit; shares below 0 or above 1.
+        OutOfRangeError: normals that are not unit or mostly point away from the camera;
+            shares below 0 or above 1.
 
     >>> validate_layer_inputs(albedo=torch.full((1, 3, 2, 2), 200.0))
     Traceback (most recent call last):
@@ -216,4 +234,11 @@ def _check_unit(normal: Tensor) -> None:
             "normal",
             f"{int(wrong.sum())} that are not unit (a length of {float(length[wrong][0]):g})",
             "divide each by its length; leave background normals zero",
+        )
+    away = int((normal[:, 2] < 0).sum())
+    if away > int((normal[:, 2] > 0).sum()):
+        raise OutOfRangeError(
+            "normal",
+            f"{away} that point away from the camera (negative z)",
+            "flip them: x is right, y up, z to the camera",
         )

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, InvalidValueError, ShapeError
+from torchradiometry.errors import DTypeError, InvalidValueError, OutOfRangeError, ShapeError
 from torchradiometry.numerics import clamped_cosine
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ __all__ = [
     "Arrival",
     "arrive",
     "arriving_irradiance",
+    "check_batch",
     "irradiance",
     "light_first",
 ]
@@ -70,6 +71,7 @@ class AbstractSource(nn.Module):
     has_direction: bool = True
     needs_position: bool = True
     samples: int = 1
+    _held_lights: int | None = None
 
     @abstractmethod
     def forward(
@@ -97,10 +99,20 @@ class AbstractSource(nn.Module):
         """
         return irradiance(self(position, normal), normal, visibility)
 
-    def _hold(self, name: str, value: object, learnable: bool, last: int | None = None) -> None:
+    def _hold(
+        self,
+        name: str,
+        value: object,
+        learnable: bool,
+        last: int | None = None,
+        least: float | None = None,
+        light_axis: int = -2,
+    ) -> None:
         """Keep `value` as a parameter or buffer of shape `*batch light k`.
 
-        A bare vector (`k`) becomes one light; a bare number one light with one channel.
+        A bare vector (`k`) becomes one light; a bare number one light with one channel. The
+        parameter that is held first says how many lights there are; a later one for a single
+        light serves all of them.
         """
         tensor = torch.as_tensor(value)
         if tensor.is_complex():
@@ -119,10 +131,30 @@ class AbstractSource(nn.Module):
             )
         if not torch.isfinite(tensor).all():
             raise InvalidValueError(name, "NaN or infinity", "pass finite numbers")
+        if least is not None and bool((tensor < least).any()):
+            raise OutOfRangeError(name, f"{float(tensor.min()):g}", f"pass values >= {least:g}")
+        tensor = self._for_every_light(name, tensor, light_axis)
         if learnable:
             self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
         else:
             self.register_buffer(name, tensor)
+
+    def _for_every_light(self, name: str, tensor: Tensor, axis: int) -> Tensor:
+        """The parameter with as many lights as the first one held."""
+        found = tensor.shape[axis]
+        if self._held_lights is None:
+            self._held_lights = found
+        elif found == 1:
+            sizes = [-1] * tensor.ndim
+            sizes[axis] = self._held_lights
+            return tensor.expand(sizes)
+        elif found != self._held_lights:
+            raise ShapeError(
+                name,
+                f"{found} lights, where the parameters before hold {self._held_lights}",
+                "pass one for each light, or one for all",
+            )
+        return tensor
 
     def _near(self, position: Tensor | None) -> Tensor:
         """`position`, or the named error where a near source was given none."""
@@ -149,8 +181,25 @@ def light_first(parameter: Float[Tensor, "*batch light k"], like: Tensor) -> Ten
             f"shape {tuple(parameter.shape)} against points of shape {tuple(like.shape)}",
             "a per-image source needs as many batch axes as the points have",
         )
+    check_batch(parameter, like)
     shape = moved.shape[:1] + (1,) * missing + moved.shape[1:-1] + (1,) + moved.shape[-1:]
     return moved.reshape(shape)
+
+
+def check_batch(parameter: Float[Tensor, "*batch light k"], like: Tensor) -> None:
+    """Raise unless the batch axes of a parameter match those of the points.
+
+    Raises:
+        ShapeError: a source for each image, but not for as many images as there are.
+    """
+    own = parameter.shape[:-2]
+    wanted = like.shape[len(like.shape) - 2 - len(own) : -2]
+    if any(a not in (1, b) for a, b in zip(own, wanted, strict=True)):
+        raise ShapeError(
+            "source parameter",
+            f"batch {tuple(own)} against points of shape {tuple(like.shape)}",
+            "a per-image source needs one entry for each image of the batch",
+        )
 
 
 def arrive(

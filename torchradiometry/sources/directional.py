@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.numerics import safe_normalize
-from torchradiometry.sources.base import AbstractSource, Arrival, light_first
+from torchradiometry.sources.base import AbstractSource, Arrival, check_batch, light_first
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -74,6 +74,7 @@ def directional_irradiance(
     >>> directional_irradiance(sun, torch.tensor([[10.0]]), up)
     tensor([[8.]])
     """
+    check_batch(direction, normal)
     cosine = torch.relu_(safe_normalize(direction) @ normal.mT)  # in place: fresh memory is slow
     if visibility is not None:
         cosine = cosine * visibility.movedim(0, -2)
@@ -101,7 +102,7 @@ class DirectionalSource(AbstractSource):
     def __init__(self, direction: object, irradiance: object, *, learnable: bool = False) -> None:
         super().__init__()
         self._hold("direction", direction, learnable, last=3)
-        self._hold("irradiance", irradiance, learnable)
+        self._hold("irradiance", irradiance, learnable, least=0)
 
     def forward(
         self,

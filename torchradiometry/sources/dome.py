@@ -22,7 +22,6 @@ from torch import Tensor
 
 from torchradiometry.numerics import dot, safe_normalize
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
-from torchradiometry.sources.extended import require_non_negative
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -91,8 +90,7 @@ class AmbientDome(AbstractSource):
         self, radiance: object, up: object | None = None, *, learnable: bool = False
     ) -> None:
         super().__init__()
-        self._hold("radiance", radiance, learnable)
-        require_non_negative("radiance", self.radiance, "W/m2/sr")
+        self._hold("radiance", radiance, learnable, least=0)
         if up is None:
             self.register_buffer("up", None)
         else:

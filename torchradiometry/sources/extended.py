@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from torchradiometry.errors import OutOfRangeError
 from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normalize
 
 if TYPE_CHECKING:
     from jaxtyping import Float
     from torch import Tensor
 
-__all__ = ["direction_and_length", "require_non_negative", "sample_rows"]
+__all__ = ["direction_and_length", "sample_rows"]
 
 #: The rounding of `wi` is repaired in E_facing only within this factor, so that a different
 #: order of summation in the shader cannot blow it up at grazing incidence.
@@ -77,9 +76,3 @@ def sample_rows(
         irradiance.flatten(0, 1),
         distance.movedim(-1, 1).flatten(0, 1),
     )
-
-
-def require_non_negative(name: str, value: Tensor, unit: str) -> None:
-    """Raise the named error where a value is negative."""
-    if bool((value < 0).any()):
-        raise OutOfRangeError(name, f"{float(value.min()):g} {unit}", "pass values >= 0")

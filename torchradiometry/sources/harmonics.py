@@ -163,7 +163,9 @@ class HarmonicSource(AbstractSource):
                 f"a tensor of shape {tuple(held.shape)}",
                 "pass `light 9 channel` or `batch light 9 channel`",
             )
-        self._hold("coefficients", held.unsqueeze(0) if held.ndim == 2 else held, learnable)
+        self._hold(
+            "coefficients", held.unsqueeze(0) if held.ndim == 2 else held, learnable, light_axis=-3
+        )
 
     @property
     def lights(self) -> int:

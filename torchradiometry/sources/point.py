@@ -127,7 +127,7 @@ class PointSource(AbstractSource):
     def __init__(self, position: object, intensity: object, *, learnable: bool = False) -> None:
         super().__init__()
         self._hold("position", position, learnable, last=3)
-        self._hold("intensity", intensity, learnable)
+        self._hold("intensity", intensity, learnable, least=0)
 
     def forward(
         self,

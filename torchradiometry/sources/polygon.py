@@ -28,7 +28,6 @@ from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normal
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.extended import (
     direction_and_length,
-    require_non_negative,
     sample_rows,
 )
 
@@ -271,11 +270,11 @@ class PolygonSource(AbstractSource):
         if samples < 1:
             raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
         self.two_sided, self.samples = two_sided, samples
-        self._hold("radiance", radiance, learnable)
         outline = torch.as_tensor(corners)
-        self._hold("corners", outline.unsqueeze(0) if outline.ndim == 2 else outline, learnable)
+        outline = outline.unsqueeze(0) if outline.ndim == 2 else outline
+        self._hold("corners", outline, learnable, light_axis=-3)
         require_planar_polygons(self.corners)
-        require_non_negative("radiance", self.radiance, "W/m2/sr")
+        self._hold("radiance", radiance, learnable, least=0)
         if samples > 1:
             for name, part in place_samples(self.corners, samples)._asdict().items():
                 self.register_buffer(name, part)

@@ -42,7 +42,6 @@ from torchradiometry.numerics import (
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.extended import (
     direction_and_length,
-    require_non_negative,
     sample_rows,
 )
 
@@ -309,13 +308,11 @@ class SphereSource(AbstractSource):
             raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
         self.samples = samples
         self._hold("center", center, learnable, last=3)
-        self._hold("radius", radius, learnable, last=1)
-        self._hold("radiance", radiance, learnable)
+        self._hold("radius", radius, learnable, last=1, least=0)
+        self._hold("radiance", radiance, learnable, least=0)
         if samples > 1:
             outward = fibonacci_directions(samples, self.center.dtype).to(self.center.device)
             self.register_buffer("outward", outward)
-        require_non_negative("radius", self.radius, "m")
-        require_non_negative("radiance", self.radiance, "W/m2/sr")
 
     @property
     def lights(self) -> int:

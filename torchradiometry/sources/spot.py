@@ -151,7 +151,7 @@ class SpotSource(AbstractSource):
         super().__init__()
         self._hold("position", position, learnable, last=3)
         self._hold("axis", axis, learnable, last=3)
-        self._hold("intensity", intensity, learnable)
+        self._hold("intensity", intensity, learnable, least=0)
         self._hold("inner_cone", inner_cone, learnable, last=1)
         self._hold("outer_cone", outer_cone, learnable, last=1)
         _check_axis(self.axis)
