@@ -229,8 +229,8 @@ def write_picture(
     Args:
         path: ends in `.npy`, `.exr`, `.hdr` or `.png`.
         radiance: finite, linear, W/m2/sr.
-        exposure: for `.png`: the factor before sRGB encoding; by default the 99th percentile
-            becomes white.
+        exposure: for `.png`: the factor before sRGB encoding; by default the 99th percentile of
+            the pixels that are not black becomes white.
 
     Raises:
         FileFormatError: another ending.
@@ -265,7 +265,8 @@ def _write_exr(path: Path, pixels: NDArray[np.float32]) -> None:
 
 def _tone_mapped(pixels: NDArray[np.float32], exposure: float | None) -> NDArray[np.uint8]:
     if exposure is None:
-        white = float(np.percentile(pixels, 99)) if pixels.size else 0.0
+        seen = pixels.max(-1)[pixels.max(-1) > 0]
+        white = float(np.percentile(seen, 99)) if seen.size else 0.0
         exposure = 1 / white if white > 0 else 1.0
     return np.round(255 * linear_to_srgb(pixels * exposure)).astype(np.uint8)
 

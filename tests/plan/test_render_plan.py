@@ -194,3 +194,45 @@ def test_reflected_share_never_exceeds_the_albedo_and_grows_with_view() -> None:
     assert shares[0] == 0
     assert all(a < b <= 0.5 for a, b in pairwise(shares[:3]))
     assert shares[-1] == 0.5
+
+
+CARELESS = """
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+vn 0 0 1
+vn 0 0 -1
+f 1/1/1 2/2/1 3/3/1
+f 1/1/2 3/3/2 4/4/2
+f 1/1/1 2/2/1 2/2/1
+"""
+
+
+def test_a_careless_mesh_is_rendered_with_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "careless.obj").write_text(CARELESS)
+    loaded = scene.load_scene(tmp_path / "careless.obj")
+    with pytest.raises(errors.RadiometryError):
+        loaded.require_valid()
+    report = plan.render_file(
+        tmp_path / "careless.obj", tmp_path / "out.npy", width=16, height=12, tolerance=0.2
+    )
+    assert report["warnings"]
+    pixels = np.load(tmp_path / "out.npy")
+    assert np.isfinite(pixels).all()
+    assert pixels.max() > 0
+
+
+def test_a_textured_scene_in_single_precision_shows_its_texture() -> None:
+    board = torch.tensor([[[0.1], [0.9]], [[0.9], [0.1]]])
+    surface = scene.quad("board", [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], albedo=1.0)
+    corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    painted = replace(surface, texture=scene.Texture(board, corners, wrap=("clamp", "clamp")))
+    made = scene.with_default_view(scene.Scene((painted,), (sun(),)), width=24, height=18)
+    picture = render.render_scene(made, made.cameras[0], render.RenderSettings(bounces=0))
+    seen = picture.radiance[picture.radiance > 0]
+    assert seen.max() > 5 * seen.min()

@@ -38,18 +38,19 @@ def render_file(
         tolerance: relative L1 error of the picture, 0 < tolerance < 1.
 
     Returns:
-        `out`, `seconds`, `predicted_error`, `plan`, `rays`, ready for JSON.
+        `out`, `seconds`, `predicted_error`, `plan`, `stages`, `patches`, `rays` and `warnings`
+        (faults of the scene that a picture survives), ready for JSON.
 
     Raises:
         InputFileError, FileFormatError: the scene cannot be read, or the ending of `out` is
             unknown or its folder missing (found out before rendering).
         OutOfRangeError: a tolerance or size out of range.
-        RadiometryError: the first fault of an invalid scene.
+        RadiometryError: the first grave fault of an invalid scene.
     """
     begin = time.perf_counter()
     _check_request(Path(out), width, height, tolerance)
     loaded = with_default_view(load_scene(scene), width=width, height=height)
-    loaded.require_valid()
+    slight = loaded.require_renderable()
     camera = replace(loaded.cameras[0], width=width, height=height)
     plan = plan_render(loaded, camera, tolerance)
     with torch.no_grad():
@@ -64,6 +65,7 @@ def render_file(
         "stages": picture.seconds,
         "patches": picture.patches,
         "rays": picture.rays,
+        "warnings": [str(fault) for fault in slight],
     }
 
 

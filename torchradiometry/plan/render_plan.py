@@ -141,13 +141,19 @@ def _analyse(scene: Scene) -> _Analysis:
         float(triangles.patches.area.sum()),
         scale,
         albedo,
-        bool(possible_blockers(triangles.corners, points, margin).any()),
+        _anything_blocks(triangles.corners, points, margin),
         convex,
         int(emits.sum()),
         len(scene.sources),
         len(emits) + int(triangles.two_sided.sum()),
         0.0 if convex else reflected_share(albedo, mutual_view(scene)),
     )
+
+
+def _anything_blocks(corners: Tensor, points: Tensor, margin: float) -> bool:
+    """Whether some face can come between two points; looks no further than the first one."""
+    blocks = (possible_blockers(part, points, margin) for part in corners.split(1024))
+    return any(bool(block.any()) for block in blocks)
 
 
 def _is_convex_body(triangles: Triangles, points: Tensor, margin: float) -> bool:

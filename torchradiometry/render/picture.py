@@ -189,6 +189,8 @@ def see(
     side = torch.where(front, 1.0, -1.0).to(facet).unsqueeze(-1)
     corner = world.triangles.normals[triangle]
     normal = safe_normalize((corner * hits.barycentric.unsqueeze(-1)).sum(1))
+    # shading normals that look into their own face (creases, careless files) give way to it
+    normal = torch.where((normal * facet).sum(-1, keepdim=True) > 0, normal, facet)
     return SurfacePoints(
         hits.triangle,
         torch.where(hits.found, face, -1),

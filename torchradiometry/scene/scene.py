@@ -168,8 +168,8 @@ class Scene:
                 rays = torch.nonzero(inside & (surface == k)).squeeze(-1)
                 face = member.faces[triangle[rays] - (ends[k] - counts[k])]
                 corner = member.texture.coordinates[face]
-                where = torch.einsum("rc,rcx->rx", barycentric[rays], corner)
-                colour = albedo[rays] * sample_texture(member.texture, where)
+                where = torch.einsum("rc,rcx->rx", barycentric[rays].to(corner), corner)
+                colour = albedo[rays] * sample_texture(member.texture, where).to(albedo)
                 albedo = albedo.index_put((rays,), colour)
         return albedo
 
@@ -185,6 +185,16 @@ class Scene:
     def validate(self) -> tuple[Fault, ...]:
         """Every fault of the scene, with the mesh and the face; empty if there is none."""
         return scene_faults(self.surfaces, self.sources, self.cameras)
+
+    def require_renderable(self) -> tuple[Fault, ...]:
+        """Raise for the first grave fault; give back the slight ones, which a picture survives.
+
+        Faces without area show nothing, and shading normals on the wrong side give way to the
+        face's own; a file with a few of them can still be rendered.
+        """
+        faults = self.validate()
+        require_none([fault for fault in faults if fault.grave])
+        return tuple(fault for fault in faults if not fault.grave)
 
     def require_valid(self) -> None:
         """Raise the named error of the first fault that `validate` finds."""

@@ -51,12 +51,14 @@ class Fault(NamedTuple):
         what: what was found there.
         mend: how to mend it.
         error: the class of error that `Scene.require_valid` raises for it.
+        grave: False if the scene can be rendered all the same.
     """
 
     where: str
     what: str
     mend: str
     error: type[RadiometryError]
+    grave: bool = True
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}; {self.mend}"
@@ -110,9 +112,8 @@ def _vertex_faults(surface: Surface) -> Iterator[Fault]:
         length = safe_norm(surface.normals.detach())
         long = ~bad & ((length - 1).abs() > UNIT_TOLERANCE)
         mend = "normalise them"
-        yield from _at(
-            surface, "normal", long, "length other than 1", mend, DegenerateGeometryError
-        )
+        yield from _at(surface, "normal", long, "length other than 1", mend,
+                       DegenerateGeometryError, grave=False)  # fmt: skip
     if surface.texture is not None:
         bad = ~torch.isfinite(surface.texture.coordinates).all(-1)
         mend = "give finite texture coordinates"
@@ -126,13 +127,14 @@ def _face_faults(surface: Surface, faces: Tensor, index: Tensor) -> Iterator[Fau
     area = vector_area(corners)
     longest = safe_norm(corners.roll(-1, -2) - corners).amax(-1)
     thin = torch.isfinite(area).all(-1) & (safe_norm(area) <= AREA_SHARE * longest**2)
-    yield from _at(surface, "face", thin, "no area", "remove it", DegenerateGeometryError, index)
+    yield from _at(surface, "face", thin, "no area", "remove it", DegenerateGeometryError, index,
+                   grave=False)  # fmt: skip
     if surface.normals is not None:
         shading = surface.normals.detach().double()[faces].sum(-2)
         turned = ~thin & (dot(safe_normalize(area), safe_normalize(shading)) < 0)
         mend = "turn the normals or the order of the corners"
         yield from _at(surface, "face", turned, "normals against the winding", mend,
-                       DegenerateGeometryError, index)  # fmt: skip
+                       DegenerateGeometryError, index, grave=False)  # fmt: skip
 
 
 def _colour_faults(surface: Surface) -> Iterator[Fault]:
@@ -172,10 +174,12 @@ def _at(
     mend: str,
     error: type[RadiometryError],
     index: Tensor | None = None,
+    *,
+    grave: bool = True,
 ) -> Iterator[Fault]:
     """One fault for all entries that are wrong, naming the first."""
     rows = torch.nonzero(wrong).squeeze(-1)
     if rows.numel():
         first = int(rows[0] if index is None else index[rows[0]])
         number = "" if rows.numel() == 1 else f" ({rows.numel()} of them)"
-        yield Fault(f"surface {surface.name!r}, {part} {first}", what + number, mend, error)
+        yield Fault(f"surface {surface.name!r}, {part} {first}", what + number, mend, error, grave)
