@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.cases import directions
 from tests.tolerances import assert_close
-from torchradiometry.materials.lobes import cosine_power
+from torchradiometry.materials.lobes import cosine_power, half_vector_lobe, mirror_lobe
 from torchradiometry.numerics import power_lobe
 
 DOUBLE = torch.float64
@@ -49,3 +49,25 @@ def test_opposite_and_square_directions_have_no_lobe() -> None:
         assert (value < 1e-40).all()
         value.sum().backward(retain_graph=True)
         assert torch.isfinite(a.grad).all()
+
+
+@pytest.mark.parametrize("lobe", [mirror_lobe, half_vector_lobe])
+@pytest.mark.parametrize("n", [0.0, 1.0, 30.0, 1e4, 1e6])
+def test_single_precision_takes_the_short_way_to_the_same_lobe(lobe, n: float) -> None:
+    generator = torch.Generator().manual_seed(3)
+    normal, towards = torch.randn(2, 400, 3, generator=generator)
+    normal = torch.nn.functional.normalize(normal, dim=-1)
+    wi = torch.nn.functional.normalize(normal + 0.5 * towards, dim=-1)
+    tilt = torch.randn(400, 3, generator=generator) / (1 + n) ** 0.5
+    wo = torch.nn.functional.normalize(2 * (wi * normal).sum(-1, keepdim=True) * normal - wi + tilt)
+    exponent = torch.full((400, 1), n)
+    results = []
+    for dtype in (torch.float32, torch.float64):
+        leaves = [t.to(dtype).requires_grad_() for t in (wi, wo, normal, exponent)]
+        value = lobe(*leaves)
+        results.append((value.detach(), torch.autograd.grad(value.sum(), leaves)))
+    (short, short_gradients), (long, long_gradients) = results
+    # a fraction of float32's rounding, 6e-8, which the result is stored with
+    torch.testing.assert_close(short, long, rtol=2e-8, atol=1e-12)
+    for a, b in zip(short_gradients, long_gradients, strict=True):
+        torch.testing.assert_close(a.double(), b, rtol=1e-5, atol=1e-5 * float(b.abs().max() + 1))
