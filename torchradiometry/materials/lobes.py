@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 
 from torchradiometry.geometry.directions import reflect
-from torchradiometry.numerics import safe_normalize, wide
+from torchradiometry.numerics import power_lobe, safe_normalize, wide
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -82,7 +82,7 @@ def mirror_lobe(
         return cosine_power(mirrored, safe_normalize(wo), shininess.double())
     d = _Dots.of(wi, wo, n)
     cosine = (2 * d.in_ * d.on / d.nn - d.io) * (d.ii * d.oo).rsqrt()
-    return _power(cosine, shininess)
+    return power_lobe(cosine, shininess.double())
 
 
 def half_vector_lobe(
@@ -102,7 +102,7 @@ def half_vector_lobe(
     # opposite directions have no half vector; one of them is below the horizon
     usable = square > 0
     cosine = (d.in_ * i + d.on * o) * torch.where(usable, square, 1).rsqrt()
-    return _power(torch.where(usable, cosine, 0), shininess)
+    return power_lobe(torch.where(usable, cosine, 0), shininess.double())
 
 
 class _Dots(NamedTuple):
@@ -132,10 +132,3 @@ def _dot(a: Tensor, b: Tensor) -> Float[Tensor, "*batch 1"]:
     """a . b component by component, which is faster than a sum over a strided axis."""
     (ax, ay, az), (bx, by, bz) = a.unbind(-1), b.unbind(-1)
     return (ax * bx + ay * by + az * bz).unsqueeze(-1)
-
-
-def _power(cosine: Tensor, exponent: Tensor) -> Tensor:
-    """max(0, cosine)^n; n = 0 gives 1 everywhere, the horizon has gradient 0."""
-    front, n = cosine > 0, exponent.double()
-    outside = torch.where(n > 0, 0.0, 1.0).to(cosine.dtype)
-    return torch.where(front, torch.exp(n * torch.log(torch.where(front, cosine, 1))), outside)

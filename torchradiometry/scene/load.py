@@ -103,7 +103,7 @@ class _Beside(Resolver):
         return _as_utf8(data) if path.suffix.lower() == ".mtl" else data
 
     def write(self, name: str, data: object) -> None:
-        raise NotImplementedError
+        raise InputFileError(name, "a request to write it", "meshes are only read here")
 
     def namespaced(self, namespace: str) -> _Beside:
         return _Beside(self.folder / namespace)
