@@ -211,8 +211,8 @@ def _plan_patches(
     if bounces == 0:
         reasons["patches"] = "none: no interreflection"
         return None
-    # all light over direct light is at most 1 / (1 - q); cut where walls are nearly white
-    share = found.albedo
+    # patches blur reflected light only, which is at most this share of all
+    share = max(found.reflected, tolerance)
     wanted = 0.4 * tolerance * found.scale / (PATCH_ERROR * share)
     # n triangles of longest edge h cover about n h^2 / 4
     smallest = math.sqrt(4 * found.area / MOST_PATCHES)
