@@ -147,9 +147,15 @@ def test_compiles_and_exports_with_a_dynamic_patch_axis(case, tmp_path: Path) ->
         module, inputs, tmp_path / "radiosity.onnx", axes=axes, outputs={"radiosity": "W/m2"},
         units={"form_factors": "1", "exitance": "W/m2"},
     )  # fmt: skip
-    check = export.check_onnx(path, module, sizes={"patch": 7, "channel": 2})
-    # the check draws factors whose rows sum to 3, which amplify roundings tenfold in the tail
-    assert check.max_relative < 2e-4
+    # form factors as a scene has them: rows sum to less than 1
+    generator = torch.Generator().manual_seed(5)
+    other = {
+        "albedo": torch.rand(3, 7, 2, generator=generator) * 0.9,
+        "exitance": torch.rand(3, 7, 2, generator=generator),
+        "form_factors": torch.rand(7, 7, generator=generator) / 7,
+    }
+    check = export.check_onnx(path, module, inputs=other)
+    assert check.passed, check
 
 
 def test_bad_arguments_are_named() -> None:
