@@ -71,3 +71,17 @@ def test_single_precision_takes_the_short_way_to_the_same_lobe(lobe, n: float) -
     torch.testing.assert_close(short, long, rtol=2e-8, atol=1e-12)
     for a, b in zip(short_gradients, long_gradients, strict=True):
         torch.testing.assert_close(a.double(), b, rtol=1e-5, atol=1e-5 * float(b.abs().max() + 1))
+
+
+@pytest.mark.parametrize("lobe", [mirror_lobe, half_vector_lobe])
+@pytest.mark.parametrize("dtype", [torch.float32, DOUBLE])
+def test_expanded_directions_are_those_directions(lobe, dtype: torch.dtype) -> None:
+    """Also where the normals repeat or have fewer axes, which must not change the shape."""
+    wi, wo = directions(2, dtype=dtype, seed=1), directions(1, dtype=dtype, seed=2)
+    wi, wo = wi.reshape(2, 1, 1, 3).expand(2, 4, 5, 3), wo.expand(4, 5, 3)
+    many, one = directions(4, 5, dtype=dtype, seed=3), directions(1, dtype=dtype, seed=4)
+    exponent = torch.tensor([7.0], dtype=dtype)
+    for normal in (many, one.expand(4, 5, 3), one[0]):
+        found = lobe(wi, wo, normal, exponent)
+        assert found.shape == (2, 4, 5, 1)
+        assert_close(found, lobe(wi.clone(), wo.clone(), normal.clone(), exponent))

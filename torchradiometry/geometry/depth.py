@@ -123,9 +123,8 @@ def depth_to_normals(
     return _normals(points, seen).to(depth.dtype)
 
 
-@final
-class DepthToPoints(nn.Module):
-    """`depth_to_points` as a layer.
+class AbstractDepthLayer(nn.Module):
+    """A layer over depth maps of one camera.
 
     Args:
         pixel_size: side of a pixel, m, for an orthographic camera; None for a pinhole, whose
@@ -135,6 +134,14 @@ class DepthToPoints(nn.Module):
     def __init__(self, pixel_size: float | None = None) -> None:
         super().__init__()
         self.pixel_size = _checked_size(pixel_size)
+
+    def extra_repr(self) -> str:
+        return f"depth [m], pixel_size={self.pixel_size} [m]"
+
+
+@final
+class DepthToPoints(AbstractDepthLayer):
+    """`depth_to_points` as a layer; `pixel_size` as there, for an orthographic camera."""
 
     def forward(
         self, depth: Float[Tensor, "B 1 H W"], intrinsics: Float[Tensor, "B 3 3"] | None = None
@@ -142,31 +149,16 @@ class DepthToPoints(nn.Module):
         """Points `B 3 H W` in m."""
         return depth_to_points(depth, intrinsics, self.pixel_size)
 
-    def extra_repr(self) -> str:
-        return f"depth [m], pixel_size={self.pixel_size} [m]"
-
 
 @final
-class DepthToNormals(nn.Module):
-    """`depth_to_normals` as a layer.
-
-    Args:
-        pixel_size: side of a pixel, m, for an orthographic camera; None for a pinhole, whose
-            `intrinsics` are then the second argument of `forward`.
-    """
-
-    def __init__(self, pixel_size: float | None = None) -> None:
-        super().__init__()
-        self.pixel_size = _checked_size(pixel_size)
+class DepthToNormals(AbstractDepthLayer):
+    """`depth_to_normals` as a layer; `pixel_size` as there, for an orthographic camera."""
 
     def forward(
         self, depth: Float[Tensor, "B 1 H W"], intrinsics: Float[Tensor, "B 3 3"] | None = None
     ) -> Float[Tensor, "B 3 H W"]:
         """Unit normals `B 3 H W`."""
         return depth_to_normals(depth, intrinsics, self.pixel_size)
-
-    def extra_repr(self) -> str:
-        return f"depth [m], pixel_size={self.pixel_size} [m]"
 
 
 def _points(

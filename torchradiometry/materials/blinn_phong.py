@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.materials.base import AbstractMaterial
-from torchradiometry.materials.lobes import above_horizon, half_vector_lobe
+from torchradiometry.materials.lobes import AbstractLobe, half_vector_lobe
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -62,15 +61,14 @@ def blinn_phong_brdf(
     tensor([1.])
     """
     lobe = half_vector_lobe(incident_direction, outgoing_direction, normal, shininess)
-    above = above_horizon(incident_direction, outgoing_direction, normal)
     n = shininess.to(lobe.dtype)
     height = (n + 2) / (8 * math.pi) * ((n + 4) / (torch.exp(-n * (math.log(2) / 2)) + n))
     dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
-    return torch.where(above, specular * height * lobe, 0).to(dtype)
+    return (specular * (height * lobe)).to(dtype)
 
 
 @final
-class BlinnPhong(AbstractMaterial):
+class BlinnPhong(AbstractLobe):
     """The energy-normalised half-vector lobe.
 
     Args:
@@ -79,27 +77,10 @@ class BlinnPhong(AbstractMaterial):
         learnable: keep both as `nn.Parameter`s.
     """
 
-    specular: Tensor
-    shininess: Tensor
-
-    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
-        super().__init__()
-        self._hold("specular", specular, learnable, lowest=0, highest=1)
-        self._hold("shininess", shininess, learnable, lowest=0, last=1)
-
-    def forward(
-        self,
-        incident_direction: Float[Tensor, "*batch 3"],
-        outgoing_direction: Float[Tensor, "*batch 3"],
-        normal: Float[Tensor, "*batch 3"],
-    ) -> Float[Tensor, "*batch channel"]:
-        return blinn_phong_brdf(
-            self.specular, self.shininess, incident_direction, outgoing_direction, normal
-        )
+    brdf = staticmethod(blinn_phong_brdf)
+    specular_unit = "1"
+    most_specular = 1
 
     def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
         """Reflectance (DHR) at normal incidence, the largest over all angles: k_s."""
         return self.specular
-
-    def extra_repr(self) -> str:
-        return "specular [1], shininess [1]"

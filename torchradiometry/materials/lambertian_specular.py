@@ -17,14 +17,12 @@ from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.materials.base import AbstractMaterial
-from torchradiometry.materials.blinn_phong import BlinnPhong
 from torchradiometry.materials.lambertian import lambertian_brdf
-from torchradiometry.materials.phong import NormalizedPhong, OriginalPhong, Phong
+from torchradiometry.materials.lobes import AbstractLobe
+from torchradiometry.materials.phong import NormalizedPhong
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-
-    Lobe = Phong | NormalizedPhong | OriginalPhong | BlinnPhong
 
 __all__ = ["LambertianSpecular", "lambertian_specular_reflectance"]
 
@@ -33,7 +31,7 @@ ROUNDING = 8 * torch.finfo(torch.float32).eps
 
 
 def lambertian_specular_reflectance(
-    albedo: Float[Tensor, "*batch channel"], lobe: Lobe
+    albedo: Float[Tensor, "*batch channel"], lobe: AbstractLobe
 ) -> Float[Tensor, "*batch channel"]:
     """Reflectance (DHR) at normal incidence of a diffuse base with a lobe: <= 1 is physical."""
     return albedo + lobe.normal_reflectance()
@@ -64,7 +62,7 @@ class LambertianSpecular(AbstractMaterial):
         specular: object,
         shininess: object,
         *,
-        lobe: type[Lobe] = NormalizedPhong,
+        lobe: type[AbstractLobe] = NormalizedPhong,
         learnable: bool = False,
     ) -> None:
         super().__init__()

@@ -9,32 +9,84 @@ cosine itself in float64 is enough, and cheaper. The
 relative error of the lobe is then about eps sqrt(75 n) at worst over the part of it that is
 above eps of the peak: 2 10^-14 at n = 100, 2 10^-12 at n = 1e6; in float32 it is the rounding of
 the result.
+
+A direction that is the same for many points (a distant light, an orthographic eye) may come as
+an expanded view; what depends on it alone is then computed once.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import torch
+from torch import Tensor
 
 from torchradiometry.geometry.directions import reflect
-from torchradiometry.numerics import power_lobe, safe_normalize, wide
+from torchradiometry.materials.base import AbstractMaterial
+from torchradiometry.numerics import safe_normalize, wide
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
-    from torch import Tensor
+    from jaxtyping import Float
 
-__all__ = ["above_horizon", "cosine_power", "half_vector_lobe", "mirror_lobe"]
+__all__ = ["AbstractLobe", "Brdf", "cosine_power", "half_vector_lobe", "mirror_lobe", "product"]
+
+#: k_s, n, wi, wo, normal -> f_r in 1/sr
+Brdf = Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], Tensor]
 
 
-def above_horizon(
-    incident_direction: Float[Tensor, "*batch 3"],
-    outgoing_direction: Float[Tensor, "*batch 3"],
-    normal: Float[Tensor, "*batch 3"],
-) -> Bool[Tensor, "*batch 1"]:
-    """True where source and eye are both above the surface: elsewhere every BRDF is 0."""
-    light, eye = _dot(incident_direction, normal), _dot(outgoing_direction, normal)
-    return (light > 0) & (eye > 0)
+class AbstractLobe(AbstractMaterial):
+    """A highlight of one height k_s and one exponent n; a final class names its formula.
+
+    Args:
+        specular: k_s, `*batch channel`, in the unit and range that the class says.
+        shininess: n, `*batch 1`, >= 0.
+        learnable: keep both as `nn.Parameter`s.
+
+    Attributes:
+        specular_unit: of k_s.
+        most_specular: largest k_s.
+    """
+
+    specular_unit: ClassVar[str]
+    most_specular: ClassVar[float] = math.inf
+    specular: Tensor
+    shininess: Tensor
+
+    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
+        super().__init__()
+        self._hold("specular", specular, learnable, lowest=0, highest=self.most_specular)
+        self._hold("shininess", shininess, learnable, lowest=0, last=1)
+
+    @staticmethod
+    @abstractmethod
+    def brdf(
+        specular: Float[Tensor, "*batch channel"],
+        shininess: Float[Tensor, "*batch 1"],
+        incident_direction: Float[Tensor, "*batch 3"],
+        outgoing_direction: Float[Tensor, "*batch 3"],
+        normal: Float[Tensor, "*batch 3"],
+    ) -> Float[Tensor, "*batch channel"]:
+        """The pure function of the lobe, in 1/sr."""
+
+    def forward(
+        self,
+        incident_direction: Float[Tensor, "*batch 3"],
+        outgoing_direction: Float[Tensor, "*batch 3"],
+        normal: Float[Tensor, "*batch 3"],
+    ) -> Float[Tensor, "*batch channel"]:
+        return self.brdf(
+            self.specular, self.shininess, incident_direction, outgoing_direction, normal
+        )
+
+    @abstractmethod
+    def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
+        """Reflectance (DHR) at normal incidence."""
+
+    def extra_repr(self) -> str:
+        return f"specular [{self.specular_unit}], shininess [1]"
 
 
 def cosine_power(
@@ -74,15 +126,19 @@ def mirror_lobe(
     normal: Float[Tensor, "*batch 3"],
     shininess: Float[Tensor, "*batch 1"],
 ) -> Float[Tensor, "*batch 1"]:
-    """cos^n of the angle between the outgoing and the mirror direction, in float64 (Phong)."""
-    wi, wo, n = incident_direction, outgoing_direction, normal
+    """cos^n of the angle between the outgoing and the mirror direction, in float64 (Phong).
+
+    0 where source or eye is not above the surface: every BRDF is 0 there.
+    """
+    wi, wo, n = _once(incident_direction, normal), _once(outgoing_direction, normal), normal
     if wi.dtype == wo.dtype == n.dtype == torch.float64:
-        # unit vectors are unit to rounding only, which n would multiply
+        # unit vectors are unit to rounding only, which the exponent would multiply
         mirrored = reflect(safe_normalize(wi), safe_normalize(n))
-        return cosine_power(mirrored, safe_normalize(wo), shininess.double())
+        lobe = cosine_power(mirrored, safe_normalize(wo), shininess.double())
+        return _above(product(wi, n), product(wo, n), lobe)
     d = _Dots.of(wi, wo, n)
     cosine = (2 * d.in_ * d.on / d.nn - d.io) * (d.ii * d.oo).rsqrt()
-    return power_lobe(cosine, shininess.double())
+    return _lit_power(d, cosine, shininess.double())
 
 
 def half_vector_lobe(
@@ -91,18 +147,76 @@ def half_vector_lobe(
     normal: Float[Tensor, "*batch 3"],
     shininess: Float[Tensor, "*batch 1"],
 ) -> Float[Tensor, "*batch 1"]:
-    """cos^n of the angle between normal and half vector, in float64 (Blinn)."""
-    wi, wo, n = incident_direction, outgoing_direction, normal
+    """cos^n of the angle between normal and half vector, in float64 (Blinn).
+
+    0 where source or eye is not above the surface.
+    """
+    wi, wo, n = _once(incident_direction, normal), _once(outgoing_direction, normal), normal
     if wi.dtype == wo.dtype == n.dtype == torch.float64:
         half = safe_normalize(safe_normalize(wi) + safe_normalize(wo))
-        return cosine_power(half, safe_normalize(n), shininess.double())
+        lobe = cosine_power(half, safe_normalize(n), shininess.double())
+        return _above(product(wi, n), product(wo, n), lobe)
     d = _Dots.of(wi, wo, n)
     i, o = d.ii.rsqrt(), d.oo.rsqrt()
-    square = d.nn * (2 + 2 * d.io * i * o)
+    square = 2 + 2 * d.io * i * o
     # opposite directions have no half vector; one of them is below the horizon
-    usable = square > 0
-    cosine = (d.in_ * i + d.on * o) * torch.where(usable, square, 1).rsqrt()
-    return power_lobe(torch.where(usable, cosine, 0), shininess.double())
+    scale = torch.where(square > 0, square, 1).rsqrt()
+    cosine = (d.in_ * (i * scale) + d.on * (o * scale)) * d.nn.rsqrt()
+    return _lit_power(d, cosine, shininess.double())
+
+
+def product(
+    direction: Float[Tensor, "*batch 3"], other: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, "*batch 1"]:
+    """Inner product component by component, faster than a sum over a strided axis.
+
+    An expanded view of `direction` is multiplied once for all points, where `other` has them.
+    """
+    return _inner(_once(direction, other).unbind(-1), other.unbind(-1))
+
+
+def _inner(a: Sequence[Tensor], b: Sequence[Tensor]) -> Float[Tensor, "*batch 1"]:
+    """Inner product of vectors given by their three components."""
+    return torch.addcmul(torch.addcmul(a[0] * b[0], a[1], b[1]), a[2], b[2]).unsqueeze(-1)
+
+
+def _once(direction: Tensor, normal: Tensor) -> Float[Tensor, "*batch 3"]:
+    """`direction` with one entry along each axis that only repeats it (an expanded view).
+
+    Only axes of the normals are cut, which broadcasting restores.
+    """
+    parts, missing = [slice(None)] * direction.ndim, direction.ndim - normal.ndim
+    for axis, step in enumerate(direction.stride()[:-1]):
+        if step == 0 and axis >= missing:
+            same = direction.shape[axis] == normal.shape[axis - missing]
+            parts[axis] = slice(1) if same else slice(None)
+    return direction[tuple(parts)]
+
+
+def _above(light: Tensor, eye: Tensor, lobe: Tensor) -> Float[Tensor, "*batch 1"]:
+    """The lobe where the cosines of source and eye are above 0; 0 elsewhere."""
+    return torch.where((light > 0) & (eye > 0), lobe, 0)
+
+
+def _lit_power(d: _Dots, cosine: Tensor, exponent: Tensor) -> Float[Tensor, "*batch 1"]:
+    """`power_lobe`, and 0 unless source and eye are above the surface.
+
+    Steps of 0 and 1 are multiplied: `torch.where` costs three times a product on a CPU.
+    """
+    front, grows = _step(cosine), _step(exponent)
+    power = torch.exp(exponent * torch.log(_where_or_one(front, cosine)))
+    kept = torch.maximum(front, 1 - grows)  # n = 0 is constant over the hemisphere
+    return power * (kept * _step(torch.minimum(d.in_.detach(), d.on.detach())))
+
+
+def _step(x: Tensor) -> Tensor:
+    """1 where x > 0, else 0, in the dtype of x; no gradient."""
+    return x.detach().sign().relu()
+
+
+def _where_or_one(step: Tensor, x: Tensor) -> Tensor:
+    """x where the step is 1, else 1."""
+    return torch.addcmul(1 - step, x, step)
 
 
 class _Dots(NamedTuple):
@@ -122,13 +236,8 @@ class _Dots(NamedTuple):
 
     @classmethod
     def of(cls, wi: Tensor, wo: Tensor, n: Tensor) -> _Dots:
-        wi, wo, n = wide(wi, wo, n)  # once, so that gradients are summed in float64 as well
-        ii, oo, nn = (_dot(v, v) for v in (wi, wo, n))
-        ii, oo, nn = (torch.where(square > 0, square, 1) for square in (ii, oo, nn))
-        return cls(ii, oo, nn, _dot(wi, n), _dot(wo, n), _dot(wi, wo))
-
-
-def _dot(a: Tensor, b: Tensor) -> Float[Tensor, "*batch 1"]:
-    """a . b component by component, which is faster than a sum over a strided axis."""
-    (ax, ay, az), (bx, by, bz) = a.unbind(-1), b.unbind(-1)
-    return (ax * bx + ay * by + az * bz).unsqueeze(-1)
+        # widened and taken apart once, so that gradients are summed in float64 as well
+        i, o, m = (v.unbind(-1) for v in wide(wi, wo, n))
+        ii, oo, nn = (_inner(v, v) for v in (i, o, m))
+        ii, oo, nn = (_where_or_one(_step(square), square) for square in (ii, oo, nn))
+        return cls(ii, oo, nn, _inner(i, m), _inner(o, m), _inner(i, o))

@@ -33,9 +33,8 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.materials.base import AbstractMaterial
-from torchradiometry.materials.lobes import above_horizon, mirror_lobe
-from torchradiometry.numerics import dot, tiny, wide
+from torchradiometry.materials.lobes import AbstractLobe, mirror_lobe, product
+from torchradiometry.numerics import tiny, wide
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -78,9 +77,8 @@ def phong_brdf(
     tensor([0.5000])
     """
     lobe = mirror_lobe(incident_direction, outgoing_direction, normal, shininess)
-    above = above_horizon(incident_direction, outgoing_direction, normal)
     dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
-    return torch.where(above, specular * lobe, 0).to(dtype)
+    return (specular * lobe).to(dtype)
 
 
 def normalized_phong_brdf(
@@ -111,10 +109,9 @@ def normalized_phong_brdf(
     tensor([5.])
     """
     lobe = mirror_lobe(incident_direction, outgoing_direction, normal, shininess)
-    above = above_horizon(incident_direction, outgoing_direction, normal)
-    dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
     height = (shininess.to(lobe.dtype) + 2) / (2 * math.pi)
-    return torch.where(above, specular * height * lobe, 0).to(dtype)
+    dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
+    return (specular * (height * lobe)).to(dtype)
 
 
 def original_phong_brdf(
@@ -150,13 +147,13 @@ def original_phong_brdf(
     tensor([0.5000])
     """
     plain = phong_brdf(specular, shininess, incident_direction, outgoing_direction, normal)
-    cosine = dot(*wide(incident_direction, normal)).unsqueeze(-1)
+    cosine = product(*wide(incident_direction, normal))
     usable = cosine > math.sqrt(tiny(plain.dtype))
     return torch.where(usable, plain / torch.where(usable, cosine, 1), 0).to(plain.dtype)
 
 
 @final
-class Phong(AbstractMaterial):
+class Phong(AbstractLobe):
     """The plain lobe f_r = k_s cos^n(alpha); it reflects 2 pi k_s / (n+2) at normal incidence.
 
     Args:
@@ -165,34 +162,16 @@ class Phong(AbstractMaterial):
         learnable: keep both as `nn.Parameter`s.
     """
 
-    specular: Tensor
-    shininess: Tensor
-
-    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
-        super().__init__()
-        self._hold("specular", specular, learnable, lowest=0)
-        self._hold("shininess", shininess, learnable, lowest=0, last=1)
-
-    def forward(
-        self,
-        incident_direction: Float[Tensor, "*batch 3"],
-        outgoing_direction: Float[Tensor, "*batch 3"],
-        normal: Float[Tensor, "*batch 3"],
-    ) -> Float[Tensor, "*batch channel"]:
-        return phong_brdf(
-            self.specular, self.shininess, incident_direction, outgoing_direction, normal
-        )
+    brdf = staticmethod(phong_brdf)
+    specular_unit = "1/sr"
 
     def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
         """Reflectance (DHR) at normal incidence, the largest over all angles."""
         return 2 * math.pi * self.specular / (self.shininess + 2)
 
-    def extra_repr(self) -> str:
-        return "specular [1/sr], shininess [1]"
-
 
 @final
-class NormalizedPhong(AbstractMaterial):
+class NormalizedPhong(AbstractLobe):
     """The energy-normalised lobe f_r = k_s (n+2)/(2 pi) cos^n(alpha).
 
     Args:
@@ -201,34 +180,17 @@ class NormalizedPhong(AbstractMaterial):
         learnable: keep both as `nn.Parameter`s.
     """
 
-    specular: Tensor
-    shininess: Tensor
-
-    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
-        super().__init__()
-        self._hold("specular", specular, learnable, lowest=0, highest=1)
-        self._hold("shininess", shininess, learnable, lowest=0, last=1)
-
-    def forward(
-        self,
-        incident_direction: Float[Tensor, "*batch 3"],
-        outgoing_direction: Float[Tensor, "*batch 3"],
-        normal: Float[Tensor, "*batch 3"],
-    ) -> Float[Tensor, "*batch channel"]:
-        return normalized_phong_brdf(
-            self.specular, self.shininess, incident_direction, outgoing_direction, normal
-        )
+    brdf = staticmethod(normalized_phong_brdf)
+    specular_unit = "1"
+    most_specular = 1
 
     def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
         """Reflectance (DHR) at normal incidence, the largest over all angles: k_s."""
         return self.specular
 
-    def extra_repr(self) -> str:
-        return "specular [1], shininess [1]"
-
 
 @final
-class OriginalPhong(AbstractMaterial):
+class OriginalPhong(AbstractLobe):
     """Phong's highlight without the cosine of incidence; not reciprocal, not energy-bounded.
 
     Args:
@@ -237,27 +199,9 @@ class OriginalPhong(AbstractMaterial):
         learnable: keep both as `nn.Parameter`s.
     """
 
-    specular: Tensor
-    shininess: Tensor
-
-    def __init__(self, specular: object, shininess: object, *, learnable: bool = False) -> None:
-        super().__init__()
-        self._hold("specular", specular, learnable, lowest=0)
-        self._hold("shininess", shininess, learnable, lowest=0, last=1)
-
-    def forward(
-        self,
-        incident_direction: Float[Tensor, "*batch 3"],
-        outgoing_direction: Float[Tensor, "*batch 3"],
-        normal: Float[Tensor, "*batch 3"],
-    ) -> Float[Tensor, "*batch channel"]:
-        return original_phong_brdf(
-            self.specular, self.shininess, incident_direction, outgoing_direction, normal
-        )
+    brdf = staticmethod(original_phong_brdf)
+    specular_unit = "1/sr"
 
     def normal_reflectance(self) -> Float[Tensor, "*batch channel"]:
         """Reflectance (DHR) at normal incidence; at other angles it is larger."""
         return 2 * math.pi * self.specular / (self.shininess + 2)
-
-    def extra_repr(self) -> str:
-        return "specular [1/sr], shininess [1]"

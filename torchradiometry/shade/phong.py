@@ -17,22 +17,16 @@ Forsyth and J. Ponce, *Computer Vision: A Modern Approach*, 2nd ed. (2011), 2.1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, final
 
+import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import DTypeError, ShapeError
-from torchradiometry.materials.blinn_phong import BlinnPhong, blinn_phong_brdf
-from torchradiometry.materials.phong import (
-    NormalizedPhong,
-    OriginalPhong,
-    Phong,
-    normalized_phong_brdf,
-    original_phong_brdf,
-    phong_brdf,
-)
-from torchradiometry.numerics import clamped_cosine, safe_normalize
+from torchradiometry.materials.lobes import AbstractLobe, Brdf, product
+from torchradiometry.materials.phong import Phong
+from torchradiometry.numerics import safe_normalize
 from torchradiometry.shade.lambertian import check_channels, lambertian_shading
 from torchradiometry.shade.layout import (
     check_image,
@@ -47,14 +41,6 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 __all__ = ["PhongShading", "phong_shading", "specular_irradiance", "view_directions"]
-
-Lobe = Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], Tensor]
-LOBES: dict[type, Lobe] = {
-    Phong: phong_brdf,
-    NormalizedPhong: normalized_phong_brdf,
-    BlinnPhong: blinn_phong_brdf,
-    OriginalPhong: original_phong_brdf,
-}
 
 
 def view_directions(
@@ -85,7 +71,7 @@ def view_directions(
 
 
 def specular_irradiance(
-    lobe: Lobe,
+    brdf: Brdf,
     shininess: Float[Tensor, "*batch point 1"],
     sources: Sequence[AbstractSource],
     position: Float[Tensor, "*batch point 3"] | None,
@@ -102,22 +88,24 @@ def specular_irradiance(
     Export: compile yes, ONNX yes.
     """
     one, first = normal.new_ones(1), 0
-    total = normal.new_zeros(*normal.shape[:-1], 1)
+    total: Tensor | None = None
     for source in sources:
         share = None if visibility is None else visibility[first : first + source.lights]
         first = first + source.lights
         if not source.has_direction:
             continue
         arrival = source(position, normal)
-        height = lobe(one, shininess, arrival.direction, outgoing_direction, normal).squeeze(-1)
-        weight = height * clamped_cosine(normal, arrival.direction)
-        weight = weight if share is None else weight * share
-        total = total + (weight.unsqueeze(-1) * arrival.irradiance).sum(0)
-    return total
+        weight = brdf(one, shininess, arrival.direction, outgoing_direction, normal)
+        weight = weight * product(arrival.direction, normal).relu()
+        weight = weight if share is None else weight * share.unsqueeze(-1)
+        part = weight.mT * arrival.irradiance.mT  # channel by channel, as images are stored
+        part = part.squeeze(0) if part.shape[0] == 1 else part.sum(0)
+        total = part if total is None else total + part
+    return normal.new_zeros(*normal.shape[:-1], 1) if total is None else total.mT
 
 
 def phong_shading(
-    lobe: type,
+    lobe: type[AbstractLobe],
     normal: Float[Tensor, "B 3 H W"],
     albedo: Float[Tensor, "B C H W"],
     specular: Float[Tensor, "B C H W"],
@@ -157,7 +145,7 @@ def phong_shading(
     if not any(source.has_direction for source in sources):
         return diffuse
     highlight = specular_irradiance(
-        LOBES[lobe],
+        lobe.brdf,
         to_points(shininess),
         sources,
         None if position is None else to_points(position),
@@ -167,7 +155,7 @@ def phong_shading(
     )
     image = to_image(highlight, normal)
     check_channels("specular", specular, image)
-    return diffuse + specular * image
+    return torch.addcmul(diffuse, specular, image)
 
 
 @final
@@ -192,14 +180,15 @@ class PhongShading(nn.Module):
 
     def __init__(
         self,
-        lobe: type = Phong,
+        lobe: type[AbstractLobe] = Phong,
         sources: AbstractSource | Sequence[AbstractSource] | None = None,
         *,
         perspective: bool = False,
     ) -> None:
         super().__init__()
-        if lobe not in LOBES:
-            names = ", ".join(member.__name__ for member in LOBES)
+        lobes = AbstractLobe.__subclasses__()
+        if lobe not in lobes:
+            names = ", ".join(member.__name__ for member in lobes)
             raise DTypeError("lobe", f"{lobe!r}", f"pass one of the classes {names}")
         self.lobe, self.perspective = lobe, perspective
         self.sources = nn.ModuleList([] if sources is None else chosen_sources([], sources))
