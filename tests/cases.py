@@ -117,6 +117,11 @@ def depth_maps(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor]:
     return depth, matrix.to(dtype).expand(sizes.batch, 3, 3).contiguous()
 
 
+def triangles(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor]:
+    """Scattered triangles `patch 3 3` in m that see each other here and there."""
+    return (rand(sizes.height * sizes.width, 3, 3, dtype=dtype, seed=81),)
+
+
 def enclosure(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor, Tensor]:
     """Albedo and exitance `batch patch 3` and closed form factors `patch patch`."""
     patches = sizes.height * sizes.width
@@ -126,6 +131,27 @@ def enclosure(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor, Tensor]
         rand(sizes.batch, patches, 3, dtype=dtype, seed=56),
         factors / factors.sum(-1, keepdim=True),
     )
+
+
+class ClosedRoom(nn.Module):
+    """A `RadiosityShading` of a closed reciprocal room made from any positive matrix.
+
+    H = W + W^T are exchange areas in m2; each area is the sum of its row, so all rows of F are
+    closed, and a change of W keeps the room reciprocal.
+    """
+
+    def __init__(self, solver: solve.AbstractSolver, adjoint: solve.AbstractAdjoint | None = None):
+        super().__init__()
+        self.layer = shade.RadiosityShading(solver=solver, adjoint=adjoint)
+
+    @staticmethod
+    def operator(weights: Tensor) -> solve.DenseOperator:
+        exchange = weights + weights.mT
+        area = exchange.sum(-1)
+        return solve.DenseOperator(exchange / area.unsqueeze(-1), area)
+
+    def forward(self, albedo: Tensor, exitance: Tensor, form_factors: Tensor) -> Tensor:
+        return self.layer(albedo, exitance, self.operator(form_factors))
 
 
 def source(name: str, dtype: torch.dtype) -> nn.Module:
@@ -222,9 +248,25 @@ LAYERS: list[Case] = [
 ]
 
 SOLVERS: list[Case] = [
-    Case("neumann", solve.Neumann, lambda t: shade.RadiosityShading(solver=solve.Neumann(5)), enclosure),
-    Case("neumann_tail", solve.Neumann, lambda t: shade.RadiosityShading(solver=solve.Neumann(3, ambient_tail=True)), enclosure),
-    Case("direct", solve.Direct, lambda t: shade.RadiosityShading(solver=solve.Direct()), enclosure),
+    Case("neumann", solve.Neumann, lambda t: ClosedRoom(solve.Neumann(5)), enclosure),
+    Case("neumann_tail", solve.Neumann, lambda t: ClosedRoom(solve.Neumann(3, ambient_tail=True)), enclosure),
+    Case("adaptive_neumann", solve.AdaptiveNeumann, lambda t: ClosedRoom(solve.AdaptiveNeumann(1e-9)), enclosure),
+    Case("gauss_seidel", solve.GaussSeidel, lambda t: ClosedRoom(solve.GaussSeidel()), enclosure),
+    Case("southwell", solve.Southwell, lambda t: ClosedRoom(solve.Southwell(at_once=2)), enclosure),
+    Case("conjugate_gradient", solve.ConjugateGradient, lambda t: ClosedRoom(solve.ConjugateGradient()), enclosure),
+    Case("direct", solve.Direct, lambda t: ClosedRoom(solve.Direct()), enclosure),
+]
+
+ADJOINTS: list[Case] = [
+    Case("unrolled", solve.Unrolled, lambda t: ClosedRoom(solve.Neumann(5), solve.Unrolled()), enclosure),
+    Case("unrolled_checkpoint", solve.Unrolled, lambda t: ClosedRoom(solve.Neumann(5, ambient_tail=True), solve.Unrolled(checkpoint=2)), enclosure),
+    Case("implicit", solve.Implicit, lambda t: ClosedRoom(solve.ConjugateGradient(), solve.Implicit()), enclosure),
+    Case("implicit_direct", solve.Implicit, lambda t: ClosedRoom(solve.GaussSeidel(), solve.Implicit(solve.Direct())), enclosure),
+    Case("truncated", solve.Truncated, lambda t: ClosedRoom(solve.ConjugateGradient(), solve.Truncated(200)), enclosure),
+]
+
+TRANSPORT: list[Case] = [
+    Case("unoccluded_form_factors", transport.UnoccludedFormFactors, lambda t: transport.UnoccludedFormFactors(6), triangles),
 ]
 
 RAY_CASTERS: list[object] = [

@@ -16,6 +16,7 @@ FAMILIES = {
     "sources": (sources, sources.AbstractSource, cases.SOURCES),
     "materials": (materials, materials.AbstractMaterial, cases.MATERIALS),
     "transport": (transport, AbstractRayCaster, cases.RAY_CASTERS),
+    "solve": (solve, solve.AbstractAdjoint, cases.ADJOINTS),
 }
 
 
@@ -49,7 +50,7 @@ def test_every_layer_and_solver_is_tested_and_documented(room: object) -> None:
         value
         for name in room.__all__
         if inspect.isclass(value := getattr(room, name))
-        and (name.endswith(suffix) if suffix else hasattr(value, "solve"))
+        and (name.endswith(suffix) if suffix else issubclass(value, solve.AbstractSolver))
         and not name.startswith("Abstract")
     ]
     assert members
@@ -58,7 +59,16 @@ def test_every_layer_and_solver_is_tested_and_documented(room: object) -> None:
         assert f"`{member.__name__}`" in page, f"{member.__name__} is missing in the docs"
 
 
-@pytest.mark.parametrize("base", [sources.AbstractSource, materials.AbstractMaterial])
+@pytest.mark.parametrize(
+    "base",
+    [
+        sources.AbstractSource,
+        materials.AbstractMaterial,
+        solve.AbstractOperator,
+        solve.AbstractSolver,
+        solve.AbstractAdjoint,
+    ],
+)
 def test_classes_are_abstract_or_final(base: type) -> None:
     for member in subclasses(base):
         if member.__module__.startswith("torchradiometry"):

@@ -14,16 +14,13 @@ import torch
 from torch import Tensor, nn
 from torch.autograd import gradcheck
 
-from tests.cases import LAYERS, MATERIALS, OTHER, SMALL, SOURCES, Case, Sizes
+from tests.cases import LAYERS, MATERIALS, OTHER, SMALL, SOURCES, TRANSPORT, Case, Sizes
 from tests.tolerances import assert_close
 from torchradiometry.deploy.runtime import open_model, run_model
 from torchradiometry.export import export_onnx
 
-EVERY = {
-    f"{kind}-{case.name}": case
-    for kind, family in (("source", SOURCES), ("material", MATERIALS), ("layer", LAYERS))
-    for case in family
-}
+FAMILIES = {"source": SOURCES, "material": MATERIALS, "layer": LAYERS, "transport": TRANSPORT}
+EVERY = {f"{kind}-{case.name}": case for kind, family in FAMILIES.items() for case in family}
 #: layers that go through the C++ code generator, one for each kind of arithmetic; the others
 #: take the same traced graphs through the eager backend, whose compilation is cheap
 GENERATED = {"layer-lambertian_directional", "layer-phong_directional", "layer-ambient"}

@@ -243,8 +243,8 @@ def test_documented_values_in_the_plane(
     dtype: torch.dtype, position: tuple[float, ...], length: float
 ) -> None:
     at = torch.tensor(position, dtype=dtype, requires_grad=True)
-    polygon = SQUARE.to(dtype).requires_grad_()
-    normal = -Z.to(dtype).requires_grad_()
+    polygon = SQUARE.to(dtype).clone().requires_grad_()
+    normal = (-Z.to(dtype)).requires_grad_()
     phi = polygon_vector_irradiance(at, normal, polygon)
     expected = torch.tensor([0, 0, -length], dtype=torch.float64)
     assert_close(phi, expected, atol=RELATIVE[dtype])

@@ -52,6 +52,42 @@ def test_form_factors_move_with_the_module() -> None:
     assert layer.form_factors.dtype == torch.float64
     assert "form_factors" in layer.state_dict()
     assert "patches=3" in repr(layer)
+    dense = solve.DenseOperator(torch.eye(3), torch.ones(3))
+    layer = shade.RadiosityShading(dense).to(torch.float64)
+    assert set(layer.state_dict()) == {"form_factors", "area"}
+    assert layer.operator.exchange(torch.ones(3, 1).double()).dtype == torch.float64
+
+
+def test_operators_solvers_and_adjoints_are_interchangeable() -> None:
+    """A dense matrix, an operator and a callable; gradients by every default."""
+    patches = subdivide(inside(trimesh.creation.box((1, 2, 3))), 1.5)[0]
+    factors = transport.form_factors(patches, closed=True)
+    area = patches.area
+    dense = solve.DenseOperator(factors, area)
+    free = solve.MatrixFreeOperator(dense.exchange, area)
+    generator = torch.Generator().manual_seed(3)
+    albedo = torch.rand(patches.count, 3, dtype=torch.float64, generator=generator) * 0.9
+    albedo.requires_grad_()
+    exitance = torch.rand(patches.count, 3, dtype=torch.float64, generator=generator)
+    exact = shade.RadiosityShading(factors, solve.Direct())(albedo, exitance)
+    gradient = torch.autograd.grad(exact.square().sum(), albedo)[0]
+    exact = exact.detach()
+    for held, solver in (
+        (dense, solve.ConjugateGradient()),
+        (free, solve.ConjugateGradient()),
+        (free, solve.GaussSeidel()),
+        (free, solve.Southwell()),
+        (factors, solve.AdaptiveNeumann(1e-12)),
+    ):
+        layer = shade.RadiosityShading(held, solver)
+        assert isinstance(layer.adjoint, solve.Implicit)
+        found = layer(albedo, exitance)
+        assert_close(found, exact, rtol=1e-10)
+        assert_close(torch.autograd.grad(found.square().sum(), albedo)[0], gradient, rtol=1e-9)
+        assert_close(
+            shade.RadiosityShading(None, solver)(albedo, exitance, held), exact, rtol=1e-10
+        )
+    assert isinstance(shade.RadiosityShading(factors).adjoint, solve.Unrolled)
 
 
 def test_static_mistakes_are_named() -> None:

@@ -5,7 +5,7 @@ import torch
 
 from tests.tolerances import assert_close
 from torchradiometry import errors, transport
-from torchradiometry.transport.rules import sequence
+from torchradiometry.transport.rules import line_rule, sequence
 
 TRIANGLE = torch.tensor([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=torch.float64)
 SQUARE = torch.tensor([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=torch.float64)
@@ -16,7 +16,7 @@ def factorial(n: int) -> float:
 
 
 @pytest.mark.parametrize("split", [1, 2, 3])
-@pytest.mark.parametrize("degree", [1, 2, 5])
+@pytest.mark.parametrize("degree", [1, 2, 5, 7, 13])
 def test_monomials(degree: int, split: int) -> None:
     for corners in (TRIANGLE, SQUARE):
         points = transport.patch_points(corners, degree, split)
@@ -38,9 +38,19 @@ def test_a_trapezium_is_weighted_by_its_area() -> None:
     assert_close((points.weight[0] * points.position[0, :, 1]).sum(), 5 / 12)
 
 
-def test_an_unknown_degree_is_named() -> None:
+def test_a_degree_below_1_is_named() -> None:
     with pytest.raises(errors.OutOfRangeError, match="degree"):
-        transport.patch_points(TRIANGLE, 3)
+        transport.patch_points(TRIANGLE, 0)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 8, 24, 48])
+def test_the_line_rule_is_right_to_the_last_digit(order: int) -> None:
+    node, weight = line_rule(order, SQUARE)
+    assert (node > 0).all()
+    assert (node < 1).all()
+    for power in range(0, 2 * order, max(1, order // 4)):
+        # seven roundings: numpy's own 48 points are off by 3e-14 here
+        assert_close((weight * node**power).sum(), 1 / (power + 1), rtol=1.6e-15, atol=0)
 
 
 @pytest.mark.parametrize("corners", [TRIANGLE, SQUARE], ids=["triangle", "quad"])

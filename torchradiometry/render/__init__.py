@@ -1,26 +1,43 @@
 """WHAT A CAMERA RECORDS: direct light per pixel, indirect light from patches."""
 
+from torchradiometry.render.adaptive import adaptive_exchange, patch_errors
 from torchradiometry.render.direct import (
     direct_irradiance,
-    emitter_irradiance,
+    emitter_weights,
     lamp_irradiance,
     sky_visibility,
 )
-from torchradiometry.render.indirect import Indirect, indirect_light
-from torchradiometry.render.picture import Picture, render_scene
+from torchradiometry.render.indirect import Exchange, Indirect, solve_exchange
+from torchradiometry.render.picture import (
+    Picture,
+    View,
+    develop,
+    indirect_light,
+    render_scene,
+    view_scene,
+)
+from torchradiometry.render.points import Receivers
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
 
 __all__ = [
+    "Exchange",
     "Indirect",
     "Picture",
+    "Receivers",
     "RenderSettings",
+    "View",
     "World",
+    "adaptive_exchange",
+    "develop",
     "direct_irradiance",
-    "emitter_irradiance",
+    "emitter_weights",
     "indirect_light",
     "lamp_irradiance",
+    "patch_errors",
     "prepare",
     "render_scene",
     "sky_visibility",
+    "solve_exchange",
+    "view_scene",
 ]

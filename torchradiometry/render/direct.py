@@ -1,12 +1,15 @@
 """Direct light at points: exact polygons times the share that shadow rays find.
 
-    E(x) = sum over emitting triangles  L E_polygon(x) V,   V = sum w_k v_k / sum w_k
-         + sum over lamps  E_facing max(0, n . wi) v
+    E(x) = sum over emitters  L W(x),   W = sum over the emitter's polygons  E_polygon(x) V
+         + sum over lamps     E_facing max(0, n . wi) v
+    V    = sum w_k v_k / sum w_k
 
-E_polygon is Lambert's contour integral, without noise. V is the visible part of it: free
-shadow rays v_k to points spread evenly over the triangle, each with its share
-w = cos cos / r^2 of the irradiance. Fully lit and fully dark points therefore have no noise at
-all; points whose first rays disagree get four times as many.
+E_polygon is Lambert's contour integral for unit radiance, without noise. Behind a few convex
+blockers its visible part is found by clipping, without noise too (`visible_parts`). Otherwise V
+is the visible part: free shadow rays v_k to points spread evenly over the polygon, each with its
+share w = cos cos / r^2 of the irradiance. Fully lit and fully dark points therefore have no
+noise at all; points whose first rays disagree get four times as many. W is geometry alone: one W
+serves every radiance.
 
 References: J. Arvo, SIGGRAPH 1994; E. Heitz, S. Hill and M. McGuire, "Combining Analytic
 Direct Illumination and Stochastic Shadows", I3D 2018 (the ratio of the two).
@@ -21,186 +24,167 @@ from torch import Tensor
 
 from torchradiometry.geometry.directions import local_frame
 from torchradiometry.geometry.polygon_irradiance import polygon_irradiance
-from torchradiometry.numerics import guarded_divide
+from torchradiometry.numerics import guarded_divide, safe_normalize
+from torchradiometry.render.points import Receivers
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World
 from torchradiometry.sources.base import AbstractSource, Arrival, irradiance
 from torchradiometry.transport.rays import AbstractRayCaster
 from torchradiometry.transport.rules import sample_patches, sequence
+from torchradiometry.transport.visible_parts import visible_irradiance
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Float, Int
 
-__all__ = ["direct_irradiance", "emitter_irradiance", "lamp_irradiance", "sky_visibility"]
+__all__ = ["direct_irradiance", "emitter_weights", "lamp_irradiance", "sky_visibility"]
 
-#: pairs of a point and an emitting face that are integrated at a time
+#: pairs of a point and an emitting polygon that are integrated at a time
 BLOCK = 2**15
 
 
 def direct_irradiance(
-    world: World,
-    settings: RenderSettings,
-    position: Float[Tensor, "point 3"],
-    normal: Float[Tensor, "point 3"],
-    facet: Float[Tensor, "point 3"],
-    generator: torch.Generator,
+    world: World, settings: RenderSettings, points: Receivers, generator: torch.Generator
 ) -> Float[Tensor, "point channel"]:
     """E of emitting faces and lamps on surface points, W/m2.
 
     Args:
-        position: on surfaces of the world, m.
-        normal: shading normal, unit.
-        facet: geometric normal of the same side, unit; shadow rays start on its side.
+        world: a prepared scene.
+        settings: how many shadow rays.
+        points: on surfaces of the world.
         generator: of the random shifts.
     """
-    lamps = lamp_irradiance(world, settings, position, normal, facet, generator)
-    return lamps + emitter_irradiance(world, settings, position, normal, facet, generator)
+    lamps = lamp_irradiance(world, settings, points, generator)
+    return lamps + emitter_weights(world, settings, points, generator) @ world.glow(world.triangles)
 
 
-def emitter_irradiance(
-    world: World,
-    settings: RenderSettings,
-    position: Float[Tensor, "point 3"],
-    normal: Float[Tensor, "point 3"],
-    facet: Float[Tensor, "point 3"],
-    generator: torch.Generator,
-) -> Float[Tensor, "point channel"]:
-    """E of the emitting faces, W/m2; arguments as of `direct_irradiance`."""
-    chosen = torch.nonzero(world.emitting).squeeze(-1)
-    radiance = world.triangles.emission[world.faces.triangle[chosen]]
-    if len(chosen) == 0:
-        return torch.zeros_like(position[:, :1]).expand(-1, radiance.shape[-1])
-    polygons = world.faces.corners[chosen]
-    rows = max(1, BLOCK // len(chosen))
+def emitter_weights(
+    world: World, settings: RenderSettings, points: Receivers, generator: torch.Generator
+) -> Float[Tensor, "point emitter"]:
+    """W: irradiance of each emitting surface for unit radiance, W/m2 per W/m2/sr.
+
+    Arguments as of `direct_irradiance`.
+    """
+    emitters = world.emitters
+    if len(emitters.corners) == 0:
+        return points.position.new_zeros(len(points.position), 0)
     blocks = []
-    for x, n, g in zip(position.split(rows), normal.split(rows), facet.split(rows), strict=True):
-        unblocked = polygon_irradiance(x.unsqueeze(1), n.unsqueeze(1), polygons)
-        share = _visible_share(world.rays, settings, unblocked, x, n, g, polygons, generator)
-        blocks.append((unblocked * share) @ radiance)
+    for part in points.split(max(1, BLOCK // len(emitters.corners))):
+        pairs = (part.position.unsqueeze(1), part.normal.unsqueeze(1), emitters.corners)
+        if settings.shadow_samples > 0 and world.blockers is not None:
+            seen = visible_irradiance(*pairs, world.blockers, margin=world.rays.tolerance)
+        else:
+            seen = polygon_irradiance(*pairs)
+            seen = seen * _visible_share(world, settings, seen, part, generator)
+        blocks.append(seen @ emitters.member)
     return torch.cat(blocks)
 
 
 @torch.no_grad()
 def _visible_share(
-    rays: AbstractRayCaster,
+    world: World,
     settings: RenderSettings,
     unblocked: Tensor,
-    position: Tensor,
-    normal: Tensor,
-    facet: Tensor,
-    polygons: Tensor,
+    points: Receivers,
     generator: torch.Generator,
-) -> Float[Tensor, "point face"]:
-    """V of every pair of a point and an emitting face."""
+) -> Float[Tensor, "point polygon"]:
+    """V of every pair of a point and an emitting polygon."""
     share = torch.ones_like(unblocked)
     samples = settings.shadow_samples
-    point, face = torch.nonzero(unblocked > 0, as_tuple=True)
+    point, polygon = torch.nonzero(unblocked > 0, as_tuple=True)
     if samples == 0 or len(point) == 0:
         return share
-    shift = torch.rand(len(point), 2, generator=generator, dtype=torch.float64).to(position)
-    where = sequence(4 * samples, 2, position)
-    ends = (rays.lift(position, facet)[point], normal[point], polygons[face])
-    lit, total = _weighted(rays, *ends, where[:samples], shift)
-    mixed = torch.nonzero((lit > 0) & (lit < total)).squeeze(-1)
-    start, face_normal, polygon = (e[mixed] for e in ends)
-    more = _weighted(rays, start, face_normal, polygon, where[samples:], shift[mixed])
-    lit, total = lit.index_add(0, mixed, more[0]), total.index_add(0, mixed, more[1])
-    found = torch.where(total > 0, guarded_divide(lit, total), 1)
-    return share.index_put((point, face), found)
+    shift = torch.rand(len(point), 2, generator=generator, dtype=torch.float64).to(unblocked)
+    where = sequence(4 * samples, 2, unblocked)
+
+    def lit(pairs: Int[Tensor, "pair"], samples: Tensor) -> Tensor:
+        near, far = points.take(point[pairs]), world.emitters.corners[polygon[pairs]]
+        spots = sample_patches(far.unsqueeze(1), (samples + shift[pairs].unsqueeze(1)).frac())
+        return _weighted(world.rays, near, far, spots)
+
+    sums = lit(torch.arange(len(point), device=point.device), where[:samples])
+    mixed = torch.nonzero((sums[0] > 0) & (sums[0] < sums[1])).squeeze(-1)
+    free, total = sums.index_add(1, mixed, lit(mixed, where[samples:]))
+    return share.index_put((point, polygon), torch.where(total > 0, guarded_divide(free, total), 1))
 
 
 def _weighted(
     rays: AbstractRayCaster,
-    start: Tensor,
-    normal: Tensor,
-    polygon: Tensor,
-    where: Tensor,
-    shift: Tensor,
-) -> tuple[Tensor, Tensor]:
+    points: Receivers,
+    polygon: Float[Tensor, "pair corner 3"],
+    spots: Float[Tensor, "pair sample 3"],
+) -> Float[Tensor, "2 pair"]:
     """Sum of cos cos / r^2 over the free samples, and over all."""
-    front = torch.nn.functional.normalize(
-        torch.linalg.cross(polygon[:, 1] - polygon[:, 0], polygon[:, 2] - polygon[:, 0]), dim=-1
+    front = safe_normalize(
+        torch.linalg.cross(polygon[:, 1] - polygon[:, 0], polygon[:, 2] - polygon[:, 0])
     ).unsqueeze(1)
-    end = sample_patches(polygon.unsqueeze(1), (where + shift.unsqueeze(1)).frac())
-    start = start.unsqueeze(1)
-    ray = end - start
+    start = rays.lift(points.position, points.facet).unsqueeze(1)
+    ray = spots - start
     square = (ray * ray).sum(-1)
-    cosines = (ray * normal.unsqueeze(1)).sum(-1).clamp(min=0) * (-ray * front).sum(-1).clamp(min=0)
-    weight = guarded_divide(cosines, square * square)
-    free = rays.visible(start, rays.lift(end, front))
-    return (weight * free).sum(-1), weight.sum(-1)
+    cosine = (ray * points.normal.unsqueeze(1)).sum(-1).clamp(min=0)
+    weight = guarded_divide(cosine * (-ray * front).sum(-1).clamp(min=0), square * square)
+    free = rays.visible(start, rays.lift(spots, front))
+    return torch.stack(((weight * free).sum(-1), weight.sum(-1)))
 
 
 def lamp_irradiance(
-    world: World,
-    settings: RenderSettings,
-    position: Float[Tensor, "point 3"],
-    normal: Float[Tensor, "point 3"],
-    facet: Float[Tensor, "point 3"],
-    generator: torch.Generator,
+    world: World, settings: RenderSettings, points: Receivers, generator: torch.Generator
 ) -> Float[Tensor, "point channel"]:
-    """E of the scene's sources, one shadow ray to each light, W/m2."""
-    total = position.new_zeros(len(position), world.scene.channels)
+    """E of the scene's sources, one shadow ray to each light, W/m2.
+
+    Arguments as of `direct_irradiance`.
+    """
+    total = points.position.new_zeros(len(points.position), world.scene.channels)
     sky = None
     for source in world.scene.sources:
-        arrival = _arrival(source, position, normal)
+        arrival = _arrival(source, points)
         if source.has_direction:
-            seen = _lamp_visibility(world.rays, settings, arrival, position, facet)
+            seen = _lamp_visibility(world.rays, settings, arrival, points)
         else:
             if sky is None:
-                sky = sky_visibility(world.rays, settings, position, normal, facet, generator)
+                sky = sky_visibility(world, settings, points, generator)
             seen = sky.expand(arrival.distance.shape)
-        total = total + irradiance(arrival, normal, seen)
+        total = total + irradiance(arrival, points.normal, seen)
     return total
 
 
-def _arrival(source: AbstractSource, position: Tensor, normal: Tensor) -> Arrival:
+def _arrival(source: AbstractSource, points: Receivers) -> Arrival:
     """In float64, also where the source's own parameters are float32."""
-    found = source(position if source.needs_position else None, normal)
-    return Arrival(*(t.to(position) for t in found))
+    found = source(points.position if source.needs_position else None, points.normal)
+    return Arrival(*(t.to(points.position) for t in found))
 
 
 @torch.no_grad()
 def _lamp_visibility(
-    rays: AbstractRayCaster,
-    settings: RenderSettings,
-    arrival: Arrival,
-    position: Tensor,
-    facet: Tensor,
+    rays: AbstractRayCaster, settings: RenderSettings, arrival: Arrival, points: Receivers
 ) -> Float[Tensor, "light point"]:
     if settings.shadow_samples == 0:
         return torch.ones_like(arrival.distance)
     distance = arrival.distance.unsqueeze(-1)
     near = torch.isfinite(distance)
-    start = rays.lift(position, facet)
     target = torch.where(
         near,
-        position + torch.where(near, distance, 0) * arrival.direction,
-        rays.beyond(position, arrival.direction),
+        points.position + torch.where(near, distance, 0) * arrival.direction,
+        rays.beyond(points.position, arrival.direction),
     )
-    return rays.visible(start, target).to(position)
+    return rays.visible(rays.lift(points.position, points.facet), target).to(points.position)
 
 
 @torch.no_grad()
 def sky_visibility(
-    rays: AbstractRayCaster,
-    settings: RenderSettings,
-    position: Float[Tensor, "point 3"],
-    normal: Float[Tensor, "point 3"],
-    facet: Float[Tensor, "point 3"],
-    generator: torch.Generator,
+    world: World, settings: RenderSettings, points: Receivers, generator: torch.Generator
 ) -> Float[Tensor, "point"]:
-    """Cosine-weighted share of the hemisphere that no triangle covers, 0..1."""
+    """Cosine-weighted share of the hemisphere that no triangle covers, 0..1.
+
+    Arguments as of `direct_irradiance`.
+    """
+    position = points.position
     if settings.shadow_samples == 0:
         return torch.ones_like(position[:, 0])
-    count = settings.sky_samples
+    where = sequence(settings.sky_samples, 2, position)
     shift = torch.rand(len(position), 1, 2, generator=generator, dtype=torch.float64)
-    direction = cosine_directions(
-        (sequence(count, 2, position) + shift.to(position)).frac(), normal
-    )
-    start = rays.lift(position, facet).unsqueeze(1)
-    target = rays.beyond(start, direction)
-    return rays.visible(start, target).to(position).mean(-1)
+    direction = cosine_directions((where + shift.to(position)).frac(), points.normal)
+    start = world.rays.lift(position, points.facet).unsqueeze(1)
+    return world.rays.visible(start, world.rays.beyond(start, direction)).to(position).mean(-1)
 
 
 def cosine_directions(

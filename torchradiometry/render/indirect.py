@@ -1,12 +1,17 @@
 """Indirect light: radiosity on patches, interpolated to the points a camera sees.
 
-    D   = rho (E_lamps + F M)             first reflection, on patches, W/m2
+    D   = rho (E_lamps + W L)             first reflection, on patches, W/m2
     R   = D + rho F D + ... (solver)       all that was reflected at least once
     E   = F R                              irradiance by reflected light, W/m2
 
-E is smooth where direct light is not; it is interpolated between patch corners (`lattice`)
-and multiplied by the albedo of the very point, so textures stay sharp. M does not contribute
-to E: emitted light reaches the picture directly and exactly.
+W is the exact direct light of `direct`, averaged over points of each patch, and not the form
+factors of the emitters: shadows on patches are as good as those in the picture. E is smooth
+where direct light is not; it is interpolated between patch corners (`lattice`) and multiplied
+by the albedo of the very point, so textures stay sharp. M does not contribute to E: emitted
+light reaches the picture directly and exactly.
+
+`Exchange` is geometry alone and serves any albedo and radiance; `solve_exchange` is what is
+left to do, a few products with F.
 
 Black backs are no patches: what they receive is lost, as it should be. Rows of patches that
 see only patches are closed to 1 all the same (`exposure`).
@@ -22,18 +27,20 @@ from torch import Tensor
 
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide
-from torchradiometry.render.direct import lamp_irradiance
+from torchradiometry.render.direct import emitter_weights, lamp_irradiance
 from torchradiometry.render.exposure import Exposure, exposure_of
 from torchradiometry.render.lattice import (
-    Lattice,
+    Welding,
     build_lattice,
     interpolate,
-    locate,
     vertex_values,
-    weld,
+    weld_patches,
 )
+from torchradiometry.render.points import Receivers
 from torchradiometry.render.settings import RenderSettings
+from torchradiometry.render.subdivision import Subdivision, find, unrefined
 from torchradiometry.render.world import World
+from torchradiometry.scene.scene import Triangles
 from torchradiometry.shade.radiosity import RadiosityShading
 from torchradiometry.solve.neumann import Neumann
 from torchradiometry.solve.solution import Solution
@@ -42,40 +49,72 @@ from torchradiometry.transport.form_factors import form_factors
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["Indirect", "indirect_at", "indirect_light", "make_lattice", "patch_size_of"]
+__all__ = [
+    "Exchange",
+    "Indirect",
+    "exchange_between",
+    "first_patches",
+    "indirect_at",
+    "patch_size_of",
+    "solve_exchange",
+]
 
 #: default longest edge of a patch, as a share of the half diagonal of the scene
 PATCH_SHARE = 1 / 6
+#: relative error of unoccluded form factors: constant radiosity on patches costs more
+PAIR_ERROR = 1e-2
 #: a triangle is flat if its shading normals deviate from its plane by less (cosine)
 FLAT = 1 - 2.0**-12
+
+
+class Exchange(NamedTuple):
+    """What patches send each other, whatever they reflect and emit.
+
+    Attributes:
+        subdivision: of the one-sided faces into patches.
+        welding: which vertices they share.
+        patches: all patches.
+        triangle: which triangle a patch is part of.
+        exposure: what of the patches lies free.
+        weights, points: mean W of the emitters over the free points of a patch, W/m2 per
+            W/m2/sr, and W on the points themselves.
+        lamps: mean E by sources, W/m2.
+        form_factors: F[receiver, emitter].
+    """
+
+    subdivision: Subdivision
+    welding: Welding
+    patches: Patches
+    triangle: Int[Tensor, "patch"]
+    exposure: Exposure
+    weights: Float[Tensor, "patch emitter"]
+    points: Float[Tensor, "patch point emitter"]
+    lamps: Float[Tensor, "patch channel"]
+    form_factors: Float[Tensor, "patch patch"]
 
 
 class Indirect(NamedTuple):
     """Solved interreflection.
 
     Attributes:
-        lattice: of the one-sided faces.
-        corner: welded vertices of each patch.
+        exchange: patches and form factors.
         values: irradiance by reflected light on welded vertices, W/m2.
-        patches: all patches.
-        exposure: what of them lies free.
-        albedo, exitance, lamps: of the patches; 1, W/m2, W/m2 (lamps: E by sources).
-        form_factors: F[receiver, emitter].
+        albedo, exitance: of the patches; 1, W/m2.
         solution: the reflected light R, W/m2, with its bound.
         irradiance: F R on patches, W/m2.
     """
 
-    lattice: Lattice
-    corner: Int[Tensor, "patch 3"]
+    exchange: Exchange
     values: Float[Tensor, "vertex channel"]
-    patches: Patches
-    exposure: Exposure
     albedo: Float[Tensor, "patch channel"]
     exitance: Float[Tensor, "patch channel"]
-    lamps: Float[Tensor, "patch channel"]
-    form_factors: Float[Tensor, "patch patch"]
     solution: Solution
     irradiance: Float[Tensor, "patch channel"]
+
+    @property
+    def radiosity(self) -> Float[Tensor, "patch channel"]:
+        """B of the patches, emitted and reflected, W/m2."""
+        return self.exitance + self.solution.radiosity
 
 
 def patch_size_of(world: World, settings: RenderSettings) -> float:
@@ -83,98 +122,105 @@ def patch_size_of(world: World, settings: RenderSettings) -> float:
     return settings.patch_size or world.rays.scale * PATCH_SHARE
 
 
-def make_lattice(world: World, patch_size: float) -> Lattice:
-    """The grid of all faces, no patch edge longer than `patch_size` (m)."""
+def first_patches(world: World, settings: RenderSettings) -> Subdivision:
+    """The grid of all faces, no edge longer than the patch size."""
     corners = world.faces.corners
     edge = (corners.detach() - corners.detach().roll(-1, 1)).norm(dim=-1).amax(-1)
     # an edge that is a whole multiple of the patch size to rounding is not split again
-    splits = (edge / patch_size - 2.0**-20).ceil().clamp(min=1).long()
-    return build_lattice(corners, splits)
+    splits = (edge / patch_size_of(world, settings) - 2.0**-20).ceil().clamp(min=1).long()
+    return unrefined(build_lattice(corners, splits))
 
 
-def indirect_light(world: World, settings: RenderSettings) -> Indirect:
-    """Patches, form factors and the solved reflected light of a scene.
+def exchange_between(world: World, subdivision: Subdivision, settings: RenderSettings) -> Exchange:
+    """Exposure, direct light and form factors of patches.
 
     Raises:
         ResourceLimitError: too many patches for the budget.
     """
-    lattice = make_lattice(world, patch_size_of(world, settings))
-    patches = Patches(lattice.corners)
+    patches = Patches(subdivision.corners)
     exposure = exposure_of(world, patches, settings.seed)
-    triangle = world.faces.triangle[lattice.triangle]
     factors = form_factors(
         patches,
         world.rays,
         closed=exposure.enclosed,
         exposure=exposure.share,
         samples=settings.pair_samples,
+        rtol=PAIR_ERROR,
         budget=settings.budget,
         seed=settings.seed,
     )
-    albedo = world.triangles.albedo[triangle]
-    exitance = math.pi * world.triangles.emission[triangle]
-    lamps = _lamps_on(world, settings, patches, exposure)
-    first = albedo * (lamps + factors @ exitance)
-    solver = Neumann(max(settings.bounces - 1, 0), settings.ambient_tail)
-    solution = RadiosityShading(factors, solver).solution(albedo, first)
-    irradiance = factors @ solution.radiosity
-    corner, values = _on_vertices(world, lattice, patches, exposure, irradiance)
-    return Indirect(
-        lattice,
-        corner,
-        values,
+    triangle = world.faces.triangle[subdivision.face]
+    weights, lamps = _direct(world, settings, patches, exposure)
+    return Exchange(
+        subdivision,
+        _welded(world, subdivision, triangle),
         patches,
+        triangle,
         exposure,
-        albedo,
-        exitance,
-        lamps,
+        _over_free(weights, exposure),
+        weights,
+        _over_free(lamps, exposure),
         factors,
-        solution,
-        irradiance,
     )
 
 
-def _lamps_on(
+def _direct(
     world: World, settings: RenderSettings, patches: Patches, exposure: Exposure
-) -> Float[Tensor, "patch channel"]:
-    """Mean irradiance by the scene's sources over the free points of each patch, W/m2."""
-    channels = world.scene.channels
-    if not world.scene.sources:
-        return patches.corners.new_zeros(patches.count, channels)
-    points = exposure.point.shape[1]
+) -> tuple[Float[Tensor, "patch point emitter"], Float[Tensor, "patch point channel"]]:
+    """Direct light on the points of the patches."""
+    count, points = exposure.point.shape[:2]
     normal = patches.normal.repeat_interleave(points, 0)
+    where = Receivers(exposure.point.reshape(-1, 3), normal, normal)
     generator = torch.Generator().manual_seed(settings.seed)
-    found = lamp_irradiance(
-        world, settings, exposure.point.reshape(-1, 3), normal, normal, generator
-    ).reshape(patches.count, points, -1)
-    weight = exposure.free.to(found).unsqueeze(-1)
-    return guarded_divide((found * weight).sum(1), weight.sum(1))
+    weights = emitter_weights(world, settings, where, generator)
+    lamps = lamp_irradiance(world, settings, where, generator)
+    return weights.reshape(count, points, -1), lamps.reshape(count, points, -1)
 
 
-def _on_vertices(
-    world: World,
-    lattice: Lattice,
-    patches: Patches,
-    exposure: Exposure,
-    irradiance: Tensor,
-) -> tuple[Tensor, Tensor]:
-    """Welded vertices of each patch, and the irradiance on them."""
-    triangles, triangle = world.triangles, world.faces.triangle
-    plane = world.normal[triangle]
+def _over_free(
+    value: Float[Tensor, "patch point column"], exposure: Exposure
+) -> Float[Tensor, "patch column"]:
+    weight = exposure.free.to(value).unsqueeze(-1)
+    return guarded_divide((value * weight).sum(1), weight.sum(1))
+
+
+def _welded(world: World, subdivision: Subdivision, triangle: Int[Tensor, "patch"]) -> Welding:
+    """Flat patches share vertices within their plane, smooth ones on either side of their mesh."""
+    triangles = world.triangles
     flat = (triangles.normals * world.normal.unsqueeze(1)).sum(-1).amin(-1) > FLAT
-    side = torch.ones_like(plane[:, :1])
-    side[len(triangles.surface) :] = -1
-    key = torch.where(flat[triangle].unsqueeze(-1), plane * side, 4 * side)
-    vertex = weld(lattice, triangles.surface[triangle], key, world.rays.scale)
-    corner = vertex[lattice.vertex]
-    weight = patches.area.detach() * exposure.share
-    count = int(vertex.max()) + 1 if len(vertex) else 0
-    return corner, vertex_values(irradiance, weight, corner, count)
+    side = torch.where(subdivision.face < len(triangles.surface), 1.0, -1.0).to(world.normal)
+    side = side.unsqueeze(-1)
+    key = torch.where(flat[triangle].unsqueeze(-1), world.normal[triangle] * side, 4 * side)
+    surface, scale = triangles.surface[triangle], world.rays.scale
+    return weld_patches(subdivision.corners, surface, key, scale, subdivision.levels)
+
+
+def solve_exchange(
+    world: World, exchange: Exchange, triangles: Triangles, settings: RenderSettings
+) -> Indirect:
+    """The reflected light of patches.
+
+    Args:
+        world: where the exchange was found.
+        exchange: see `exchange_between`.
+        triangles: of the same scene; only albedo and emission are read.
+        settings: bounces.
+    """
+    albedo = triangles.albedo[exchange.triangle].to(torch.float64)
+    exitance = math.pi * triangles.emission[exchange.triangle].to(torch.float64)
+    first = albedo * (exchange.lamps + exchange.weights @ world.glow(triangles))
+    solver = Neumann(max(settings.bounces - 1, 0), settings.ambient_tail)
+    factors = exchange.form_factors
+    solution = RadiosityShading(factors, solver).solution(albedo, first)
+    irradiance = factors @ solution.radiosity
+    weight = exchange.patches.area.detach() * exchange.exposure.share
+    values = vertex_values(irradiance, weight, exchange.welding)
+    return Indirect(exchange, values, albedo, exitance, solution, irradiance)
 
 
 def indirect_at(
     indirect: Indirect, face: Int[Tensor, "ray"], barycentric: Float[Tensor, "ray 3"]
 ) -> Float[Tensor, "ray channel"]:
     """Irradiance by reflected light at points of faces, W/m2."""
-    patch, weights = locate(indirect.lattice, face, barycentric)
-    return interpolate(indirect.values, indirect.corner, patch, weights)
+    patch, weights = find(indirect.exchange.subdivision, face, barycentric)
+    return interpolate(indirect.values, indirect.exchange.welding.corner, patch, weights)

@@ -25,7 +25,17 @@ from torchradiometry.numerics import guarded_divide
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["Lattice", "build_lattice", "interpolate", "locate", "vertex_values", "weld"]
+__all__ = [
+    "Lattice",
+    "Welding",
+    "build_lattice",
+    "interpolate",
+    "locate",
+    "spread",
+    "vertex_values",
+    "weld",
+    "weld_patches",
+]
 
 #: corrections of the vertex values: each moves the patch means to within about 1/3 of the rest
 CORRECTIONS = 4
@@ -121,58 +131,110 @@ def locate(
 
 
 def weld(
-    lattice: Lattice,
-    surface: Int[Tensor, "triangle"],
-    normal: Float[Tensor, "triangle 3"],
+    position: Float[Tensor, "vertex 3"],
+    surface: Int[Tensor, "vertex"],
+    normal: Float[Tensor, "vertex 3"],
     scale: float,
 ) -> Int[Tensor, "vertex"]:
-    """One number for all grid vertices that share their value.
+    """One number for all vertices that share their value.
 
     Args:
+        position: m.
         surface: vertices of different surfaces are never shared.
         normal: of the plane of a flat triangle; any one vector for all triangles of a smooth
             mesh.
         scale: size of the scene, m.
     """
-    low = lattice.position.detach().amin(0) if len(lattice.position) else 0.0
+    low = position.detach().amin(0) if len(position) else 0.0
     # a shift by 0.37 keeps round numbers away from the borders of the rounding
-    place = ((lattice.position.detach() - low) / (scale * WELD) + 0.37).floor()
-    plane = (normal[lattice.owner].detach() * 256 + 0.37).floor()
-    key = torch.cat((surface[lattice.owner].unsqueeze(-1).to(place), place, plane), -1).long()
+    place = ((position.detach() - low) / (scale * WELD) + 0.37).floor()
+    plane = (normal.detach() * 256 + 0.37).floor()
+    key = torch.cat((surface.unsqueeze(-1).to(place), place, plane), -1).long()
     return torch.unique(key, dim=0, return_inverse=True)[1]
 
 
+class Welding(NamedTuple):
+    """Which vertices patches share.
+
+    Attributes:
+        corner: welded vertices of each patch.
+        vertices: how many there are.
+        hanging: vertices that lie in the middle of a larger patch's edge.
+        ends: the ends of that edge; a hanging vertex takes the mean of their values.
+        levels: how often an end may itself be hanging.
+    """
+
+    corner: Int[Tensor, "patch 3"]
+    vertices: int
+    hanging: Int[Tensor, "hanging"]
+    ends: Int[Tensor, "hanging 2"]
+    levels: int
+
+
+def weld_patches(
+    corners: Float[Tensor, "patch 3 3"],
+    surface: Int[Tensor, "patch"],
+    normal: Float[Tensor, "patch 3"],
+    scale: float,
+    levels: int = 0,
+) -> Welding:
+    """The vertices of patches; arguments as of `weld`, `levels` of different sizes."""
+    parts = [corners, (corners + corners.roll(-1, 1)) / 2] if levels else [corners]
+    position = torch.cat(parts).reshape(-1, 3)
+    kind, plane = (
+        t.repeat_interleave(3, 0).repeat(len(parts), 1) for t in (surface[:, None], normal)
+    )
+    number = weld(position, kind.squeeze(-1), plane, scale).reshape(-1, 3)
+    used, corner = torch.unique(number[: len(corners)], return_inverse=True)
+    if not levels:
+        return Welding(corner, len(used), used[:0], corner[:0, :2], 0)
+    middle = number[len(corners) :].reshape(-1)
+    place = torch.searchsorted(used, middle).clamp(max=len(used) - 1)
+    found = torch.nonzero(used[place] == middle).squeeze(-1)
+    ends = torch.stack((corner, corner.roll(-1, 1)), -1).reshape(-1, 2)
+    hanging, first = torch.unique(place[found], return_inverse=True)
+    chosen = torch.zeros_like(hanging).index_copy(0, first, found)
+    return Welding(corner, len(used), hanging, ends[chosen], levels)
+
+
 def vertex_values(
-    value: Float[Tensor, "patch channel"],
-    weight: Float[Tensor, "patch"],
-    corner: Int[Tensor, "patch 3"],
-    count: int,
+    value: Float[Tensor, "patch channel"], weight: Float[Tensor, "patch"], welding: Welding
 ) -> Float[Tensor, "vertex channel"]:
     """Values on welded vertices whose mean over a patch's corners is the patch's value.
 
     Args:
         value: on patches.
         weight: how much a patch counts (its exposed area); patches of weight 0 are ignored.
-        corner: welded vertices of each patch, `count` in all.
+        welding: of the patches.
 
     Returns:
         >= 0 where `value` is.
 
     Differentiable in: value.
     """
-    flat = corner.reshape(-1)
-    share = weight.unsqueeze(-1).expand(-1, 3).reshape(-1, 1)
-    total = value.new_zeros(count, 1).index_add(0, flat, share.to(value))
-
-    def around(field: Tensor) -> Tensor:
-        spread = field.unsqueeze(1).expand(-1, 3, -1).reshape(len(flat), -1) * share
-        return guarded_divide(
-            value.new_zeros(count, field.shape[-1]).index_add(0, flat, spread), total
-        )
-
-    found = around(value)
+    found = spread(value, weight, welding)
     for _ in range(CORRECTIONS):
-        found = (found + around(value - found[corner].mean(1))).clamp(min=0)
+        rest = value - found[welding.corner].mean(1)
+        found = (found + spread(rest, weight, welding)).clamp(min=0)
+    return found
+
+
+def spread(
+    value: Float[Tensor, "patch channel"], weight: Float[Tensor, "patch"], welding: Welding
+) -> Float[Tensor, "vertex channel"]:
+    """Weighted mean of the patches around each vertex; arguments as of `vertex_values`."""
+    flat = welding.corner.reshape(-1)
+    share = weight.to(value).unsqueeze(-1)
+    each = torch.cat((value * share, share), -1).repeat_interleave(3, 0)
+    total = each.new_zeros(welding.vertices, each.shape[-1]).index_add(0, flat, each)
+    hanging, ends = welding.hanging, welding.ends
+    for _ in range(welding.levels):
+        half = total[hanging] / 2
+        total = total.index_fill(0, hanging, 0)
+        total = total.index_add(0, ends.reshape(-1), half.repeat_interleave(2, 0))
+    found = guarded_divide(total[:, :-1], total[:, -1:])
+    for _ in range(welding.levels):
+        found = found.index_copy(0, hanging, found[ends].mean(1))
     return found
 
 

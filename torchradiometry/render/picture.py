@@ -1,10 +1,14 @@
 """What a camera records: the mean radiance over every pixel.
 
-    L(pixel) = mean over s x s strata of  [ L_emitted + rho/pi (E_direct + E_indirect) ]
+    L(pixel) = mean over its rays of  [ L_emitted + rho/pi (E_direct + E_indirect) ]
 
-Each stratum holds one ray at a random place. Direct light is evaluated at the point it meets
-(exact polygons times shadow rays, `direct`), indirect light is interpolated from radiosity
-patches (`indirect`). The background and the backs of one-sided faces are black.
+Direct light is evaluated at the point that each ray meets (exact polygons times shadow rays,
+`direct`), indirect light is interpolated from radiosity patches (`indirect`). The background
+and the backs of one-sided faces are black.
+
+Nearly all of the work is geometry: what rays meet, which part of the emitters they see, form
+factors. A `View` holds it, and `develop` makes a picture of it for any albedo and emission, and
+its gradient, in a few milliseconds.
 
 References: M. Cohen and J. Wallace, *Radiosity and Realistic Image Synthesis* (1993), ch. 9
 and 10 (multi-pass rendering with direct light per pixel).
@@ -19,22 +23,30 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import EmptySceneError
+from torchradiometry.errors import ResourceLimitError, ShapeError
 from torchradiometry.geometry.cameras import AbstractCamera
-from torchradiometry.numerics import safe_normalize
-from torchradiometry.render.direct import direct_irradiance
-from torchradiometry.render.indirect import Indirect, indirect_at, indirect_light
+from torchradiometry.render.adaptive import adaptive_exchange
+from torchradiometry.render.gather import gather_weights
+from torchradiometry.render.indirect import Exchange, Indirect, indirect_at, solve_exchange
+from torchradiometry.render.pixels import Samples, camera_samples
+from torchradiometry.render.points import SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
-from torchradiometry.scene.scene import Scene
+from torchradiometry.scene.scene import Scene, Triangles
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
+    from jaxtyping import Bool, Float
 
-__all__ = ["Picture", "SurfacePoints", "render_scene", "see"]
-
-#: camera rays that are shaded at a time
-BLOCK = 2**16
+__all__ = [
+    "Picture",
+    "SurfacePoints",
+    "View",
+    "develop",
+    "indirect_light",
+    "render_scene",
+    "see",
+    "view_scene",
+]
 
 
 class Picture(NamedTuple):
@@ -49,6 +61,7 @@ class Picture(NamedTuple):
             left out, W/m2 (0 without interreflection).
         closed: the scene was found to be closed and its form factors were closed too.
         rays: which ray caster answered, and why.
+        indirect: radiosity of each patch and irradiance on vertices; None without bounces.
     """
 
     radiance: Float[Tensor, "height width channel"]
@@ -58,26 +71,30 @@ class Picture(NamedTuple):
     indirect_bound: float
     closed: bool
     rays: str
+    indirect: Indirect | None
 
 
-class SurfacePoints(NamedTuple):
-    """Where camera rays end.
+class View(NamedTuple):
+    """All that a picture takes from geometry.
 
     Attributes:
-        triangle: -1 where nothing was met.
-        face: the one-sided face that was met, -1 for nothing and for black backs.
-        barycentric: in the triangle.
-        position: m.
-        normal: shading normal on the side of the camera.
-        facet: geometric normal on that side.
+        world: the scene it was made of.
+        size: height and width, pixels.
+        settings: how it was made.
+        samples: what camera rays meet, and the direct light there.
+        exchange: patches and form factors; None without bounces.
+        gathered: share of each patch's radiosity that arrives at each ray; None if reflected
+            light is interpolated.
+        seconds: wall time of each stage.
     """
 
-    triangle: Int[Tensor, "ray"]
-    face: Int[Tensor, "ray"]
-    barycentric: Float[Tensor, "ray 3"]
-    position: Float[Tensor, "ray 3"]
-    normal: Float[Tensor, "ray 3"]
-    facet: Float[Tensor, "ray 3"]
+    world: World
+    size: tuple[int, int]
+    settings: RenderSettings
+    samples: Samples
+    exchange: Exchange | None
+    gathered: Float[Tensor, "ray patch"] | None
+    seconds: dict[str, float]
 
 
 def render_scene(
@@ -98,116 +115,110 @@ def render_scene(
         vertices only through the light on unshadowed points; visibility is detached).
     Export: no.
     """
+    return develop(view_scene(scene, camera, settings), scene)
+
+
+def view_scene(
+    scene: Scene, camera: AbstractCamera, settings: RenderSettings | None = None
+) -> View:
+    """What a camera sees of a scene, and what its patches see of each other.
+
+    Arguments, errors and derivatives as of `render_scene`.
+    """
     settings = settings or RenderSettings()
     clock = [time.perf_counter()]
     world = prepare(scene, settings)
     clock.append(time.perf_counter())
-    indirect = indirect_light(world, settings) if settings.bounces > 0 else None
+    samples = camera_samples(world, camera, settings)
     clock.append(time.perf_counter())
-    radiance, emitter = _shade_pixels(world, camera, settings, indirect)
+    exchange = None
+    if settings.bounces > 0:
+        exchange = adaptive_exchange(world, settings, samples.points)
+    gathered = _gather(world, exchange, samples, settings)
     clock.append(time.perf_counter())
-    names = ("prepare", "indirect", "shade")
+    names = ("prepare", "direct", "indirect")
     seconds = {n: b - a for n, a, b in zip(names, clock[:-1], clock[1:], strict=True)}
-    bound = float(indirect.solution.bound.detach().max()) if indirect else 0.0
+    size = (camera.height, camera.width)
+    return View(world, size, settings, samples, exchange, gathered, seconds)
+
+
+def _gather(
+    world: World, exchange: Exchange | None, samples: Samples, settings: RenderSettings
+) -> Float[Tensor, "ray patch"] | None:
+    if exchange is None or not settings.gather:
+        return None
+    needed = 8 * len(samples.pixel) * exchange.patches.count
+    if needed > settings.budget:
+        got = f"{len(samples.pixel)} rays and {exchange.patches.count} patches, {needed} bytes"
+        raise ResourceLimitError("gather", got, "interpolate, use larger patches, or raise budget")
+    where = samples.points.receivers
+    return gather_weights(world, exchange.patches, exchange.exposure, where)
+
+
+def develop(view: View, scene: Scene) -> Picture:
+    """The picture of a view.
+
+    Args:
+        view: see `view_scene`.
+        scene: the view's own, or the same with other albedos, textures and radiances (of the
+            surfaces that shone when the view was made). Its sources are not looked at.
+
+    Raises:
+        ShapeError: another number of triangles.
+
+    Differentiable in: albedo, emission and textures; a view of learnable sources serves one
+        backward pass.
+    Export: no.
+    """
+    began = time.perf_counter()
+    triangles = scene.triangles
+    if len(triangles.surface) != len(view.world.triangles.surface):
+        raise ShapeError(
+            "scene",
+            f"{len(triangles.surface)} triangles, the view has {len(view.world.triangles.surface)}",
+            "pass the scene of the view with other colours, or make a new view",
+        )
+    indirect = None
+    if view.exchange is not None:
+        indirect = solve_exchange(view.world, view.exchange, triangles, view.settings)
+    radiance, emitter = _shade(view, scene, triangles, indirect)
+    seconds = view.seconds | {"shade": time.perf_counter() - began}
     return Picture(
         radiance.to(scene.surfaces[0].albedo.dtype),
         emitter,
-        seconds | {"total": clock[-1] - clock[0]},
-        indirect.patches.count if indirect else 0,
-        bound,
-        bool(indirect and indirect.exposure.closed),
-        world.reason,
+        seconds | {"total": sum(seconds.values())},
+        indirect.exchange.patches.count if indirect else 0,
+        float(indirect.solution.bound.detach().max()) if indirect else 0.0,
+        bool(indirect and indirect.exchange.exposure.closed),
+        view.world.reason,
+        indirect,
     )
 
 
-def _shade_pixels(
-    world: World, camera: AbstractCamera, settings: RenderSettings, indirect: Indirect | None
+def indirect_light(world: World, settings: RenderSettings) -> Indirect:
+    """Patches, form factors and the solved reflected light of a prepared scene.
+
+    Raises:
+        ResourceLimitError: too many patches for the budget.
+    """
+    return solve_exchange(world, adaptive_exchange(world, settings), world.triangles, settings)
+
+
+def _shade(
+    view: View, scene: Scene, triangles: Triangles, indirect: Indirect | None
 ) -> tuple[Float[Tensor, "height width channel"], Bool[Tensor, "height width"]]:
-    generator = torch.Generator().manual_seed(settings.seed)
-    pixels = _strata(camera, settings.supersampling, generator)
-    rays = pixels.shape[1]
-    rows = max(1, BLOCK // rays)
-    parts = [
-        _shade_block(world, camera, settings, indirect, block, generator)
-        for block in pixels.split(rows)
-    ]
-    radiance, emitter = (torch.cat(column) for column in zip(*parts, strict=True))
-    size = (camera.height, camera.width)
-    return radiance.reshape(*size, -1), emitter.reshape(size)
-
-
-def _strata(
-    camera: AbstractCamera, side: int, generator: torch.Generator
-) -> Float[Tensor, "pixel ray 2"]:
-    """One random place in each of side x side parts of every pixel."""
-    centre = camera.pixel_grid().to(torch.float64).reshape(-1, 1, 2)
-    step = torch.arange(side, dtype=torch.float64)
-    corner = torch.cartesian_prod(step, step).reshape(-1, 2).to(centre)
-    inside = torch.rand(len(centre), len(corner), 2, generator=generator, dtype=torch.float64)
-    if side == 1:
-        inside = torch.full_like(inside, 0.5)
-    return centre - 0.5 + (corner + inside.to(centre)) / side
-
-
-def _shade_block(
-    world: World,
-    camera: AbstractCamera,
-    settings: RenderSettings,
-    indirect: Indirect | None,
-    pixels: Float[Tensor, "pixel ray 2"],
-    generator: torch.Generator,
-) -> tuple[Float[Tensor, "pixel channel"], Bool[Tensor, "pixel"]]:
-    """Mean radiance of some pixels, and whether they see an emitter."""
-    origin, direction = camera.rays(pixels.reshape(-1, 2))
-    points = see(world, origin, direction)
-    lit = torch.nonzero(points.face >= 0).squeeze(-1)
-    seen = SurfacePoints(*(t[lit] for t in points))
-    where = (seen.position, seen.normal, seen.facet)
-    irradiance = direct_irradiance(world, settings, *where, generator)
-    if indirect is not None:
-        irradiance = irradiance + indirect_at(indirect, seen.face, _on_face(world, seen))
-    albedo = world.scene.albedo_at(seen.triangle, seen.barycentric.to(points.barycentric))
-    emitted = world.triangles.emission[seen.triangle]
-    radiance = emitted + albedo.to(irradiance) * irradiance / math.pi
-    shape = pixels.shape[:2]
-    full = radiance.new_zeros(len(points.face), radiance.shape[-1]).index_copy(0, lit, radiance)
-    bright = torch.zeros_like(points.face, dtype=torch.bool)
-    bright[lit] = (emitted.detach() > 0).any(-1)
-    return full.reshape(*shape, -1).mean(1), bright.reshape(shape).any(1)
-
-
-def see(
-    world: World, origin: Float[Tensor, "ray 3"], direction: Float[Tensor, "ray 3"]
-) -> SurfacePoints:
-    """The surface points that rays meet first."""
-    hits = world.rays.closest(origin, direction)
-    triangle = hits.triangle.clamp(min=0)
-    position = origin + torch.where(hits.found, hits.distance, 0).unsqueeze(-1) * direction
-    facet = world.normal[triangle]
-    front = (facet * direction).sum(-1) < 0
-    face = torch.where(front, triangle, world.faces.back[triangle])
-    side = torch.where(front, 1.0, -1.0).to(facet).unsqueeze(-1)
-    corner = world.triangles.normals[triangle]
-    normal = safe_normalize((corner * hits.barycentric.unsqueeze(-1)).sum(1))
-    # shading normals that look into their own face (creases, careless files) give way to it
-    normal = torch.where((normal * facet).sum(-1, keepdim=True) > 0, normal, facet)
-    return SurfacePoints(
-        hits.triangle,
-        torch.where(hits.found, face, -1),
-        hits.barycentric,
-        position,
-        normal * side,
-        facet * side,
-    )
-
-
-def _on_face(world: World, points: SurfacePoints) -> Float[Tensor, "ray 3"]:
-    """Barycentric weights on the face: a back runs through its corners the other way round."""
-    back = (points.face >= len(world.triangles.surface)).unsqueeze(-1)
-    return torch.where(back, points.barycentric.flip(-1), points.barycentric)
-
-
-def require_something(scene: Scene) -> None:
-    """Raise `EmptySceneError` where a scene has no triangle."""
-    if not any(surface.count for surface in scene.surfaces):
-        raise EmptySceneError("scene", "no triangles", "add a surface with faces")
+    """Mean radiance of the pixels, and whether they see an emitter."""
+    points, pixel = view.samples.points, view.samples.pixel
+    irradiance = view.samples.lamps + view.samples.weights @ view.world.glow(triangles)
+    if indirect is not None and view.gathered is not None:
+        irradiance = irradiance + view.gathered @ indirect.solution.radiosity
+    elif indirect is not None:
+        irradiance = irradiance + indirect_at(indirect, points.face, points.on_face(view.world))
+    albedo = scene.albedo_at(points.triangle, points.barycentric).to(irradiance)
+    emitted = triangles.emission[points.triangle].to(irradiance)
+    radiance = (emitted + albedo * irradiance / math.pi) * view.samples.share.unsqueeze(-1)
+    height, width = view.size
+    full = radiance.new_zeros(height * width, radiance.shape[-1]).index_add(0, pixel, radiance)
+    bright = torch.zeros_like(full[:, 0], dtype=torch.bool)
+    bright[pixel[(emitted.detach() > 0).any(-1)]] = True
+    return full.reshape(height, width, -1), bright.reshape(height, width)

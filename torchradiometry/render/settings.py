@@ -20,12 +20,18 @@ class RenderSettings:
         ambient_tail: stand in for the bounces that are left out by a calibrated ambient term.
         patch_size: longest edge of a radiosity patch, m; None: 1/6 of the half diagonal of
             the scene.
-        supersampling: rays along each side of a pixel, >= 1.
-        shadow_samples: shadow rays to each emissive triangle, >= 1; four times as many in
-            penumbras. 0 draws no shadows at all.
+        patch_error: relative L1 error that patches may cause; they are then split where
+            reflected light bends, starting from `patch_size`, until the estimate meets it or
+            `budget` is spent. None: all patches have the same size.
+        supersampling: rays along each side of a pixel in which the picture changes, >= 1; four
+            times as many at the edge of an emitter. Other pixels get one ray.
+        shadow_samples: shadow rays to each emitting polygon, >= 1; four times as many in
+            penumbras; none are needed behind a few blockers. 0 draws no shadows at all.
         pair_samples: shadow segments between two patches; four times as many in penumbras.
+        gather: gather reflected light at every camera ray from all patches instead of
+            interpolating it: sharper at contacts, and slow.
         sky_samples: rays to the sky under an ambient dome.
-        budget: bytes that the form factors may use.
+        budget: bytes that the form factors may use, and as many what is gathered.
         seed: of all random shifts; the same seed gives the same picture.
         rays: what answers rays; None: Embree, or brute force where embreex is missing.
     """
@@ -33,9 +39,11 @@ class RenderSettings:
     bounces: int = 8
     ambient_tail: bool = True
     patch_size: float | None = None
+    patch_error: float | None = None
     supersampling: int = 2
     shadow_samples: int = 4
     pair_samples: int = 4
+    gather: bool = False
     sky_samples: int = 32
     budget: int = 2**32
     seed: int = 0
@@ -52,3 +60,6 @@ class RenderSettings:
         size = self.patch_size
         if size is not None and not (isinstance(size, (int, float)) and 0 < size < math.inf):
             raise OutOfRangeError("settings.patch_size", f"{size!r}", "pass a length in m, > 0")
+        error = self.patch_error
+        if error is not None and not (isinstance(error, (int, float)) and 0 < error < 1):
+            raise OutOfRangeError("settings.patch_error", f"{error!r}", "pass 0 < error < 1")

@@ -1,5 +1,8 @@
 """A scene made ready for rays: one-sided faces, blockers, emitters, in float64.
 
+Emitting faces are grouped by their surface, and neighbours (a, b, c), (a, c, d) in one plane are
+integrated as one quad.
+
 A triangle has a front; a two-sided one also has a back that reflects and emits. The back of a
 one-sided triangle is black: it blocks, and a ray that meets it sees nothing.
 
@@ -19,6 +22,7 @@ from torchradiometry.errors import MissingDependencyError
 from torchradiometry.numerics import safe_norm, safe_normalize
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene, Triangles
+from torchradiometry.transport.blockers import convex_blockers, possible_blockers
 from torchradiometry.transport.brute_force import BruteForceRays
 from torchradiometry.transport.embree import EmbreeRays
 from torchradiometry.transport.rays import RELATIVE_TOLERANCE, AbstractRayCaster
@@ -27,12 +31,16 @@ from torchradiometry.transport.rules import patch_points
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 
-__all__ = ["Faces", "World", "prepare"]
+__all__ = ["Emitters", "Faces", "World", "prepare"]
 
 #: how far a coplanar lamp is moved, in tolerances of the rays
 NUDGE = 4
 #: largest deviation of cosines of coplanar triangles from 1
 COPLANAR = 2.0**-20
+#: blockers x emitting polygons up to which visible parts are clipped and not sampled
+CLIPPED = 64
+#: triangles beyond which blockers are not looked for
+LARGE = 2**12
 
 
 class Faces(NamedTuple):
@@ -49,6 +57,21 @@ class Faces(NamedTuple):
     back: Int[Tensor, "triangle"]
 
 
+class Emitters(NamedTuple):
+    """Surfaces that shine.
+
+    Attributes:
+        corners: of their convex polygons, m, counter-clockwise seen from the front; a triangle
+            repeats its last corner.
+        member: 1 where a polygon belongs to an emitter.
+        triangle: one triangle of each emitter, which knows its radiance.
+    """
+
+    corners: Float[Tensor, "polygon 4 3"]
+    member: Float[Tensor, "polygon emitter"]
+    triangle: Int[Tensor, "emitter"]
+
+
 class World(NamedTuple):
     """A prepared scene.
 
@@ -57,6 +80,9 @@ class World(NamedTuple):
         triangles: in float64.
         normal: geometric, unit.
         faces: the one-sided faces.
+        emitters: what shines.
+        blockers: convex polygons that can come between two points of the scene; None if they
+            are so many that sampling is cheaper.
         rays: what blocks.
         reason: which ray caster, and why.
     """
@@ -65,13 +91,18 @@ class World(NamedTuple):
     triangles: Triangles
     normal: Float[Tensor, "triangle 3"]
     faces: Faces
+    emitters: Emitters
+    blockers: Float[Tensor, "blocker 4 3"] | None
     rays: AbstractRayCaster
     reason: str
 
-    @property
-    def emitting(self) -> Bool[Tensor, "face"]:
-        """Faces that shine."""
-        return (self.triangles.emission.detach() > 0).any(-1)[self.faces.triangle]
+    def glow(self, triangles: Triangles) -> Float[Tensor, "emitter channel"]:
+        """Radiance of the emitters, W/m2/sr, in float64.
+
+        Args:
+            triangles: of this scene, or of the same one with other colours.
+        """
+        return triangles.emission[self.emitters.triangle].to(torch.float64)
 
 
 def prepare(scene: Scene, settings: RenderSettings) -> World:
@@ -91,7 +122,57 @@ def prepare(scene: Scene, settings: RenderSettings) -> World:
         torch.cat((torch.arange(len(corners), device=back.device), backs)),
         back,
     )
-    return World(scene, triangles, normal, faces, rays, reason)
+    emitters = _emitters(triangles, faces, rays.tolerance)
+    blockers = _blockers(corners, len(emitters.corners), rays.tolerance)
+    return World(scene, triangles, normal, faces, emitters, blockers, rays, reason)
+
+
+@torch.no_grad()
+def _blockers(
+    corners: Float[Tensor, "triangle 3 3"], emitters: int, tolerance: float
+) -> Float[Tensor, "blocker 4 3"] | None:
+    if len(corners) > LARGE:
+        return None
+    found = corners[possible_blockers(corners, corners.reshape(-1, 3), tolerance)]
+    blockers = convex_blockers(found) if len(found) <= 2 * CLIPPED else found
+    return blockers if len(blockers) * max(1, emitters) <= CLIPPED else None
+
+
+def _emitters(triangles: Triangles, faces: Faces, tolerance: float) -> Emitters:
+    shining = (triangles.emission.detach() > 0).any(-1)[faces.triangle]
+    chosen = torch.nonzero(shining).squeeze(-1)
+    corners, triangle = faces.corners[chosen], faces.triangle[chosen]
+    surface = triangles.surface[triangle]
+    quads, first = _quads(corners, surface, tolerance)
+    kind, group = torch.unique(surface[first], return_inverse=True)
+    member = (group.unsqueeze(-1) == torch.arange(len(kind), device=group.device)).to(corners)
+    place = torch.searchsorted(triangles.surface, kind)
+    return Emitters(quads, member, place)
+
+
+def _quads(
+    corners: Float[Tensor, "triangle 3 3"], surface: Int[Tensor, "triangle"], tolerance: float
+) -> tuple[Float[Tensor, "polygon 4 3"], Int[Tensor, "polygon"]]:
+    """Triangles of which neighbours in the list are joined, and the first one of each polygon."""
+    alone = torch.cat((corners, corners[:, 2:]), 1)
+    if len(corners) < 2:
+        return alone, torch.arange(len(corners), device=surface.device)
+    joined = torch.cat((corners[:-1], corners[1:, 2:]), 1)
+    edge = joined.detach().roll(-1, 1) - joined.detach()
+    turn = torch.linalg.cross(edge.roll(1, 1), edge, dim=-1)
+    convex = (turn * turn.sum(1, keepdim=True)).sum(-1).amin(-1) > 0
+    shared = (corners[:-1, (0, 2)] - corners[1:, (0, 1)]).detach().abs().amax((1, 2)) < tolerance
+    plane = torch.nn.functional.normalize(turn.sum(1), dim=-1).unsqueeze(1)
+    flat = ((joined - joined[:, :1]) * plane).detach().sum(-1).abs().amax(-1) < tolerance
+    fits = torch.cat((convex & shared & flat & (surface[1:] == surface[:-1]), surface[:1] < 0))
+    # in a run of neighbours that fit, every second one begins a quad
+    place = torch.arange(len(fits), device=fits.device)
+    begun = torch.where(fits, -1, place).cummax(0).values
+    begun = torch.cat((begun.new_full((1,), -1), begun[:-1]))
+    takes = fits & ((place - begun) % 2 == 1)
+    taken = torch.cat((takes.new_zeros(1), takes[:-1]))
+    quad = torch.cat((joined, alone[-1:]))
+    return torch.where(takes[:, None, None], quad, alone)[~taken], place[~taken]
 
 
 def _cross(corners: Tensor) -> Tensor:

@@ -3,9 +3,9 @@
     B = M + rho F B
 
 B (W/m2) is what leaves a patch for every cause, M what it emits, rho its albedo,
-F[receiver, emitter] the form factors. The layer holds the form factors of a scene and a
-solver; albedo and exitance are its inputs, so that one geometry serves many materials,
-lamps and colour channels, and gradients reach all of them.
+F[receiver, emitter] the form factors. The layer holds the form factors of a scene, a solver
+and an adjoint; albedo and exitance are its inputs, so that one geometry serves many
+materials, lamps and colour channels, and gradients reach all of them.
 
 References: C. Goral, K. Torrance, D. Greenberg and B. Battaile, "Modeling the Interaction of
 Light Between Diffuse Surfaces", SIGGRAPH 1984.
@@ -13,25 +13,21 @@ Light Between Diffuse Surfaces", SIGGRAPH 1984.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, final
+from typing import TYPE_CHECKING, final
 
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError
+from torchradiometry.solve.adjoints import AbstractAdjoint, Implicit, Unrolled
 from torchradiometry.solve.neumann import Neumann
+from torchradiometry.solve.operators import AbstractOperator, DenseOperator, as_operator
 from torchradiometry.solve.solution import Solution
+from torchradiometry.solve.solver import AbstractSolver
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["AbstractSolver", "RadiosityShading"]
-
-
-class AbstractSolver(Protocol):
-    """Anything that solves B = M + rho F B."""
-
-    def solve(self, form_factors: Tensor, albedo: Tensor, exitance: Tensor) -> Solution:
-        """B with residual and bound."""
+__all__ = ["RadiosityShading"]
 
 
 @final
@@ -39,52 +35,67 @@ class RadiosityShading(nn.Module):
     """B = M + rho F B for the patches of a scene.
 
     Args:
-        form_factors: `receiver emitter`, 0..1 (see `form_factors`); None if they are passed
-            to `forward`.
-        solver: what solves; `Neumann(bounces)` compiles and exports.
+        form_factors: `receiver emitter`, 0..1 (see `form_factors`), or an operator; None if
+            they are passed to `forward`. The tensors of a `DenseOperator` move with the layer
+            and are in its `state_dict`; those of other operators stay where they are.
+        solver: what solves; `Neumann(8)` by default, which compiles and exports.
+        adjoint: how gradients pass it; by default `Unrolled()` where the solver allows it, else
+            `Implicit()`.
 
     >>> import torch
     >>> F = torch.tensor([[0.0, 1.0], [1.0, 0.0]])
     >>> half = torch.full((2, 1), 0.5)
     >>> RadiosityShading(F, Neumann(30))(half, half).T
     tensor([[1., 1.]])
+    >>> RadiosityShading(F, Neumann(30), Implicit())(half, half).T
+    tensor([[1., 1.]])
     """
 
     form_factors: Tensor | None
+    area: Tensor | None
 
     def __init__(
         self,
-        form_factors: Float[Tensor, "patch patch"] | None = None,
+        form_factors: AbstractOperator | Float[Tensor, "patch patch"] | None = None,
         solver: AbstractSolver | None = None,
+        adjoint: AbstractAdjoint | None = None,
     ) -> None:
         super().__init__()
-        if form_factors is not None and (
-            form_factors.ndim < 2 or form_factors.shape[-1] != form_factors.shape[-2]
-        ):
-            raise ShapeError(
-                "form_factors", f"shape {tuple(form_factors.shape)}", "pass `receiver emitter`"
-            )
-        self.register_buffer("form_factors", form_factors)
-        self.solver = Neumann(8) if solver is None else solver
+        operator = None if form_factors is None else as_operator(form_factors)
+        dense = operator if isinstance(operator, DenseOperator) else None
+        self.register_buffer("form_factors", None if dense is None else dense.form_factors)
+        self.register_buffer("area", None if dense is None else dense.area)
+        self._operator = operator if dense is None else None
+        self.solver: AbstractSolver = Neumann(8) if solver is None else solver
+        default = Unrolled() if self.solver.unrolls else Implicit()
+        self.adjoint: AbstractAdjoint = default if adjoint is None else adjoint
+
+    @property
+    def operator(self) -> AbstractOperator | None:
+        """F as the layer holds it."""
+        if self.form_factors is None:
+            return self._operator
+        return DenseOperator(self.form_factors, self.area)
 
     def forward(
         self,
         albedo: Float[Tensor, "*batch patch channel"],
         exitance: Float[Tensor, "*batch patch channel"],
-        form_factors: Float[Tensor, "*batch patch patch"] | None = None,
+        form_factors: AbstractOperator | Float[Tensor, "*batch patch patch"] | None = None,
     ) -> Float[Tensor, "*batch patch channel"]:
         """The radiosity of every patch.
 
         Args:
             albedo: 0..1.
             exitance: M, W/m2, >= 0: emitted, or reflected from sources that are no patches.
-            form_factors: instead of those the layer holds.
+            form_factors: a matrix or operator instead of that which the layer holds.
 
         Returns:
             B, W/m2; divided by pi it is the patch's radiance.
 
-        Differentiable in: all arguments (with `Neumann`; see the solver).
-        Export: compile yes, ONNX yes with `Neumann`; the patch axis may stay dynamic.
+        Differentiable in: all arguments, and what the operator holds.
+        Export: compile yes, ONNX yes with `Neumann` and `AdaptiveNeumann`; the patch axis
+            may stay dynamic.
         """
         return self.solution(albedo, exitance, form_factors).radiosity
 
@@ -92,20 +103,15 @@ class RadiosityShading(nn.Module):
         self,
         albedo: Float[Tensor, "*batch patch channel"],
         exitance: Float[Tensor, "*batch patch channel"],
-        form_factors: Float[Tensor, "*batch patch patch"] | None = None,
+        form_factors: AbstractOperator | Float[Tensor, "*batch patch patch"] | None = None,
     ) -> Solution:
         """The radiosity with its residual, bound and status; arguments as of `forward`."""
-        factors = self.form_factors if form_factors is None else form_factors
-        if factors is None:
+        operator = self.operator if form_factors is None else form_factors
+        if operator is None:
             raise ShapeError("form_factors", "None", "pass them here or to the constructor")
-        if albedo.ndim < 2 or exitance.ndim < 2:
-            raise ShapeError(
-                "albedo, exitance",
-                f"shapes {tuple(albedo.shape)}, {tuple(exitance.shape)}",
-                "pass `patch channel`",
-            )
-        return self.solver.solve(factors, albedo, exitance)
+        return self.adjoint.solve(self.solver, operator, albedo, exitance)
 
     def extra_repr(self) -> str:
-        patches = "given at call" if self.form_factors is None else self.form_factors.shape[-1]
-        return f"patches={patches}, solver={self.solver}, radiosity [W/m2]"
+        operator = self.operator
+        patches = "given at call" if operator is None else operator.patches
+        return f"patches={patches}, solver={self.solver}, adjoint={self.adjoint}, radiosity [W/m2]"

@@ -1,20 +1,24 @@
-"""Exchange areas of unoccluded patches: symmetric, exact nearby, cheap far away.
+"""Exchange areas of unoccluded polygons, symmetric, to a relative error of choice.
 
     K_ij = A_i F_ij = 1/pi  int_i int_j  cos_i+ cos_j+ / r^2  dA dA = A_j F_ji      (m2)
 
-Two patches nearer than `near` times the sum of their radii use the exact point-to-polygon
-factor (Lambert's contour integral, cut at the horizon), averaged over points of the receiver
-and then over both directions: 3 points on a triangle (4 on a quad), and four times as many
-where patches touch. All other pairs use a product rule of degree 2 on both patches; with
-r >= near (R_i + R_j) its relative error falls as (R / r)^4. Measured on a cube at `near` = 2:
-single far pairs are off by at most 1 %, touching ones by 1 %, sums over rows by 2e-3 before
-closing, nearly all of it from touching pairs.
+Only the part of each polygon in front of the other's plane counts: pairs that such a plane cuts
+are clipped first. Then a = (r - R_small) / R_large decides, r the distance of the centroids, R
+the largest distance of a corner from its centroid:
 
-Midpoints alone are wrong however fine the mesh: where walls meet, patches stay as near as
-they are large.
+* far: a product rule of degree d on both, the lowest with C_d a^-d (s + 1/a) <= `rtol`. s is the
+  spread (max - min) / (max + min) of the heights of one polygon above the other's plane: where a
+  polygon is seen at grazing incidence its brightness varies from 0, and rules lose one order.
+  All terms are positive and nothing cancels, at any distance. The C_d are measured: no pair of
+  24 000 random triangles and quads, slender and unequal ones among them, lies above them.
+* near: the double contour integral (`contour`), with a tolerance that follows from `rtol` and
+  from an estimate of K. Its rounding error is about 1e-16 |P_1| |P_2| / (2 pi), |P| the
+  perimeters, so `rtol` = 1e-10 holds for K > 1e-6 |P_1| |P_2|: touching squares from 1 to 179
+  degrees, and sizes up to about 10^4 apart.
 
-References: D. Baum, H. Rushmeier and J. Winget, SIGGRAPH 1989; M. Cohen and J. Wallace,
-*Radiosity and Realistic Image Synthesis* (1993), ch. 4.
+References: `contour`; P. J. Davis and P. Rabinowitz, *Methods of Numerical Integration* (1984),
+5.6, product rules; M. Cohen and J. Wallace, *Radiosity and Realistic Image Synthesis* (1993),
+ch. 4.
 """
 
 from __future__ import annotations
@@ -25,118 +29,248 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.geometry.patches import Patches
-from torchradiometry.geometry.polygon_irradiance import polygon_irradiance
-from torchradiometry.numerics import wide
-from torchradiometry.transport.rules import PatchPoints, pair_index, patch_points
+from torchradiometry.geometry.patches import Patches, vector_area
+from torchradiometry.numerics import dot, guarded_divide, safe_normalize, wide
+from torchradiometry.transport.contour import contour_exchange
+from torchradiometry.transport.polygon_pairs import Polygon, PolygonPairs, norm, polygon_pairs
+from torchradiometry.transport.rules import corner_shares
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["NEAR", "unoccluded_exchange"]
+__all__ = ["RTOL", "polygon_exchange", "unoccluded_exchange"]
 
-#: distance of centroids, in sums of radii, below which the contour integral is used
-NEAR = 2.0
-#: the same, below which patches count as touching
-TOUCHING = 1.25
-#: receiver points x patches that one block of the far field holds, and of contour integrals
-FAR_BLOCK, NEAR_BLOCK = 2**22, 2**15
+#: relative error of a pair unless asked otherwise
+RTOL = 10.0**-10
+#: degree d and C_d of the product rules
+RULES = ((2, 0.1), (5, 0.4), (7, 0.2), (9, 0.06), (11, 0.02), (13, 0.004))
+#: nearer than this, in sizes, is near whatever `rtol`
+NEAREST = 1.5
+#: pairs that are prepared at a time, and products of points that are held at a time
+PAIRS, PRODUCTS = 2**13, 2**15
 
 
-def unoccluded_exchange(patches: Patches, near: float = NEAR) -> Float[Tensor, "patch patch"]:
+def polygon_exchange(
+    first: Float[Tensor, "pair corner 3"],
+    second: Float[Tensor, "pair other 3"],
+    rtol: float = RTOL,
+) -> Float[Tensor, "pair"]:
+    """A_1 F_12 of pairs of one-sided polygons without blockers, m2, exactly symmetric.
+
+    Args:
+        first, second: triangles or planar convex quads, m, counter-clockwise seen from the
+            front; any size and distance, touching, nearly touching or far away.
+        rtol: relative error of every pair, 1e-12...0.1.
+
+    Returns:
+        m2, float64, >= 0; 0 where either has no area, lies behind the other, or in its plane
+        (coincident faces see nothing of each other).
+
+    Differentiable in: both (kinks where a corner crosses the other's plane and where edges
+        meet; finite there).
+    Export: no, the choice of rules depends on the data; `UnoccludedFormFactors` does.
+    References: Sparrow (1963), see `contour`.
+
+    >>> floor = torch.tensor([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
+    >>> wall = torch.tensor([[[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]]])
+    >>> round(float(polygon_exchange(floor, wall)), 12)  # two faces of a cube
+    0.200043776075
+    """
+    first, second = wide(first, second)
+    every = torch.arange(len(first), device=first.device)
+    return _exchange(first, second, every, every, rtol)
+
+
+def unoccluded_exchange(patches: Patches, rtol: float = RTOL) -> Float[Tensor, "patch patch"]:
     """K_ij = A_i F_ij of one-sided patches without blockers, m2, symmetric to the last bit.
 
     Args:
         patches: triangles or planar convex quads, one-sided.
-        near: pairs nearer than this many sums of radii are integrated exactly.
+        rtol: relative error of every pair.
 
     Returns:
         m2, float64; the diagonal is 0.
 
     Differentiable in: corners (kinks where a corner crosses another patch's plane).
-    Export: no, the number of near pairs depends on the data.
+    Export: no, see `polygon_exchange`.
     """
-    centred = Patches(wide(patches.corners)[0])
-    middle = centred.corners.detach().reshape(-1, 3).mean(0) if patches.count else 0.0
-    centred = Patches(centred.corners - middle)
-    separation = _separation(centred)
-    exchange = _far_field(centred, separation >= near)
-    for low, high, split in ((0.0, TOUCHING, 2), (TOUCHING, near, 1)):
-        i, j = pair_index(centred.count, (separation >= low) & (separation < high))
-        keep = _facing(centred, i, j)
-        i, j = i[keep], j[keep]
-        value = _near_field(centred, i, j, split)
-        exchange = exchange.index_put((torch.cat((i, j)), torch.cat((j, i))), value.repeat(2))
-    return exchange
+    corners = wide(patches.corners)[0]
+    i, j = _candidates(corners.detach())
+    value = _exchange(corners, corners, i, j, rtol)
+    exchange = corners.new_zeros(patches.count, patches.count)
+    return exchange.index_put((torch.cat((i, j)), torch.cat((j, i))), value.repeat(2))
 
 
-def _separation(patches: Patches) -> Float[Tensor, "patch patch"]:
-    """Distance of centroids over the sum of radii; -1 on the diagonal."""
-    corners, centroid = patches.corners.detach(), patches.centroid.detach()
-    radius = (corners - centroid.unsqueeze(1)).norm(dim=-1).amax(-1)
-    reach = radius.unsqueeze(1) + radius
-    ratio = torch.cdist(centroid, centroid) / torch.where(reach > 0, reach, 1)
-    return ratio.fill_diagonal_(-1)
+def _candidates(corners: Tensor) -> tuple[Int[Tensor, "pair"], Int[Tensor, "pair"]]:
+    """Indices i < j of the patches that have corners in front of each other, block by block."""
+    count = len(corners)
+    corners = corners - corners.reshape(-1, 3).mean(0) if count else corners
+    normal = safe_normalize(vector_area(corners))
+    plane = dot(normal, corners.mean(1))
+    points, size = corners.reshape(-1, 3), corners.abs().amax() if count else 0
+    slack = size * torch.finfo(corners.dtype).eps * 64
+    found = []
+    rows = max(1, PRODUCTS // max(1, len(points)))
+    for start in range(0, count, rows):
+        some = slice(start, start + rows)
+        above = (normal[some] @ points.mT - plane[some, None]).reshape(-1, count, corners.shape[1])
+        back = torch.einsum("jx,icx->ijc", normal, corners[some]) - plane[:, None]
+        both = (above.amax(-1) > -slack) & (back.amax(-1) > -slack)
+        i, j = torch.nonzero(both.triu(start + 1), as_tuple=True)
+        found.append(torch.stack((i + start, j)))
+    i, j = torch.cat(found, 1) if found else torch.zeros(2, 0, dtype=torch.int64)
+    return i, j
 
 
-def _far_field(patches: Patches, far: Tensor) -> Float[Tensor, "patch patch"]:
-    """The product rule for the pairs marked `far`, 0 elsewhere, block by block."""
-    points, normal, area = patch_points(patches.corners, 2), patches.normal, patches.area
-    count = patches.count
-    rows = max(1, FAR_BLOCK // max(1, count * points.weight.shape[-1] ** 2))
-    blocks = [
-        _far_rows(slice(k, k + rows), points, normal, far[k : k + rows])
-        for k in range(0, count, rows)
-    ]
-    mean = torch.cat(blocks) if blocks else far.to(area)
-    mean = torch.where(torch.eye(count, dtype=torch.bool, device=area.device), 0, mean)
-    return area.unsqueeze(1) * area * (mean + mean.mT) / 2
-
-
-def _far_rows(rows: slice, points: PatchPoints, normal: Tensor, far: Tensor) -> Tensor:
-    """Mean of cos cos / (pi r^2) between the patches of `rows` and all: `row patch`."""
-    here, there = points.position[rows], points.position
-    own = (normal[rows] * here[:, 0]).sum(-1)
-    leaving = torch.einsum("ix,jqx->ijq", normal[rows], there) - own[:, None, None]
-    plane = (normal * there[:, 0]).sum(-1)
-    arriving = torch.einsum("ipx,jx->ipj", here, normal) - plane
-    product = torch.einsum("ipx,jqx->ipjq", here, there)
-    squares = (here**2).sum(-1)[:, :, None, None] + (there**2).sum(-1)
-    distance = torch.where(far[:, None, :, None], squares - 2 * product, 1)
-    weighted = leaving.clamp(min=0) * points.weight
-    kernel = (weighted.unsqueeze(1) / distance.square()).sum(-1) * arriving.clamp(min=0)
-    mean = (kernel * points.weight[rows].unsqueeze(-1)).sum(1) / math.pi
-    return torch.where(far, mean, 0)
-
-
-def _facing(patches: Patches, i: Tensor, j: Tensor) -> Tensor:
-    """True where some of each patch lies in front of the other."""
-    corners, normal = patches.corners.detach(), patches.normal.detach()
-
-    def reaches(a: Tensor, b: Tensor) -> Tensor:
-        offset = corners[b] - corners[a, :1]
-        height = (offset * normal[a].unsqueeze(1)).sum(-1).amax(-1)
-        size = offset.norm(dim=-1).amax(-1)
-        return height > size * torch.finfo(corners.dtype).eps * 64
-
-    return reaches(i, j) & reaches(j, i)
-
-
-def _near_field(
-    patches: Patches, i: Int[Tensor, "pair"], j: Int[Tensor, "pair"], split: int
+def _exchange(
+    first: Tensor, second: Tensor, i: Tensor, j: Tensor, rtol: float
 ) -> Float[Tensor, "pair"]:
-    """Exact point-to-polygon factors averaged over the receiver and both directions, m2."""
-    points = patch_points(patches.corners, 2, split)
-    rows = max(1, NEAR_BLOCK // points.weight.shape[-1])
-    blocks = [
-        _mean_factor(patches, points, a, b) + _mean_factor(patches, points, b, a)
-        for a, b in zip(i.split(rows), j.split(rows), strict=True)
-    ]
-    return torch.cat(blocks) / 2 if blocks else patches.corners.new_zeros(0)
+    """The pairs (first[i], second[j]), in blocks; near ones are collected and come last."""
+    blocks, near = [first.new_zeros(0)], [i[:0]]
+    for place in torch.arange(len(i), device=i.device).split(PAIRS):
+        pairs = polygon_pairs(first[i[place]], second[j[place]])
+        rule = _rule(pairs.first, pairs.second, rtol)
+        near.append(place[(rule < 0) & pairs.facing])
+        blocks.append(_far(pairs, rule))
+    found = [first.new_zeros(0)]
+    index = torch.cat(near)
+    for place in index.split(PAIRS):
+        found.append(_near(polygon_pairs(first[i[place]], second[j[place]]), rtol))
+    return torch.cat(blocks).index_put((index,), torch.cat(found))
 
 
-def _mean_factor(patches: Patches, points: PatchPoints, i: Tensor, j: Tensor) -> Tensor:
-    normal = patches.normal[i].unsqueeze(1)
-    polygon = patches.corners[j].unsqueeze(1)
-    factor = polygon_irradiance(points.position[i], normal, polygon) / math.pi
-    return patches.area[i] * (factor * points.weight[i]).sum(-1)
+@torch.no_grad()
+def _rule(first: Polygon, second: Polygon, rtol: float) -> Int[Tensor, "pair"]:
+    """Which of `RULES` suffices; -1: none, the contour integral."""
+    corners = (first.corner, second.corner)
+    middle = [t.mean(1) for t in corners]
+    radius = [norm(t - m.unsqueeze(1)).amax(0) for t, m in zip(corners, middle, strict=True)]
+    gap = norm(middle[0] - middle[1]) - torch.minimum(*radius)
+    away = guarded_divide(gap, torch.maximum(*radius), otherwise=math.inf)
+    spread = torch.zeros_like(away)
+    for side in (first, second):
+        low, high = side.height.clamp(min=0).aminmax(dim=0)
+        spread = torch.maximum(spread, guarded_divide(high - low, high + low))
+    rule = torch.full_like(away, -1, dtype=torch.int64)
+    inverse = 1 / away.clamp(min=1)
+    for number, (degree, factor) in reversed(list(enumerate(RULES))):
+        enough = (factor * inverse**degree * (spread + inverse) <= rtol) & (away > NEAREST)
+        rule = torch.where(enough, number, rule)
+    return rule
+
+
+def _near(pairs: PolygonPairs, rtol: float) -> Float[Tensor, "pair"]:
+    """By the contour integral, m2; clipped parts may turn out to be far from each other."""
+    value = _attached_zeros(pairs)
+    for index in _chosen(~pairs.cut):
+        value = value.index_put((index,), _contour(*_sides(pairs, index), rtol))
+    for index in _chosen(pairs.cut):
+        first, second = (side.clipped() for side in _sides(pairs, index))
+        rule = _rule(first, second, rtol)
+        for number in rule.unique().tolist():
+            (part,) = _chosen(rule == number)
+            sides = (first.at(part), second.at(part))
+            near, far = number < 0, RULES[max(number, 0)][0]
+            found = _contour(*sides, rtol) if near else _fan_product(*sides, far)
+            value = value.index_put((index[part],), found)
+    return value * pairs.unit.square()
+
+
+def _far(pairs: PolygonPairs, rule: Int[Tensor, "pair"]) -> Float[Tensor, "pair"]:
+    """By the product rules, m2; 0 where none suffices."""
+    value = _attached_zeros(pairs)
+    for number, (degree, _) in enumerate(RULES):
+        chosen = (rule == number) & pairs.facing
+        for index in _chosen(chosen & ~pairs.cut):
+            value = value.index_put((index,), _product(*_sides(pairs, index), degree))
+        for index in _chosen(chosen & pairs.cut):
+            first, second = (side.clipped() for side in _sides(pairs, index))
+            value = value.index_put((index,), _fan_product(first, second, degree))
+    return value * pairs.unit.square()
+
+
+def _chosen(mask: Tensor) -> tuple[Tensor, ...]:
+    """The indices of the true entries in blocks; none if there are none."""
+    index = torch.nonzero(mask).squeeze(-1)
+    return index.split(PAIRS) if len(index) else ()
+
+
+def _attached_zeros(pairs: PolygonPairs) -> Float[Tensor, "pair"]:
+    """Zeros that hang on the corners: pairs that see nothing have gradients too, of 0."""
+    return 0 * (pairs.first.height.sum(0) + pairs.second.height.sum(0))
+
+
+def _contour(first: Polygon, second: Polygon, rtol: float) -> Float[Tensor, "pair"]:
+    tolerance = _tolerance(first, second, rtol)
+    return contour_exchange(first.corner, second.corner, tolerance).clamp(min=0)
+
+
+def _sides(pairs: PolygonPairs, index: Tensor) -> tuple[Polygon, Polygon]:
+    return pairs.first.at(index), pairs.second.at(index)
+
+
+def _fan_product(first: Polygon, second: Polygon, degree: int) -> Float[Tensor, "pair"]:
+    """The product rule on all pairs of triangles of two polygons."""
+    a, b = first.fan(), second.fan()
+    shape = (a.corner.shape[2], b.corner.shape[2], a.corner.shape[3])
+    a, b = (
+        Polygon(
+            side.corner.unsqueeze(axis).expand(3, 3, *shape).flatten(2),
+            side.height.unsqueeze(axis - 1).expand(3, *shape).flatten(1),
+        )
+        for side, axis in ((a, 3), (b, 2))
+    )
+    return _product(a, b, degree).reshape(shape).sum((0, 1))
+
+
+def _product(first: Polygon, second: Polygon, degree: int) -> Float[Tensor, "pair"]:
+    """The product rule 1/pi sum_kl b_k b_l / r_kl^4, b = weight, area and height."""
+    (here, bright), (there, other) = (weighted_points(side, degree) for side in (first, second))
+    rows = max(1, PRODUCTS // (len(bright) * len(other)))
+    blocks = zip(*(t.split(rows, -1) for t in (here, bright, there, other)), strict=True)
+    return torch.cat([product_sum(*block) for block in blocks]) / math.pi
+
+
+def weighted_points(polygon: Polygon, degree: int) -> tuple[Tensor, Tensor]:
+    """Of a product rule: positions `3 point pair`, and weight x local area x height `point pair`.
+
+    Height and Jacobian are linear over the polygon: they are mixed like the corners.
+    """
+    corners = polygon.corner.shape[1]
+    share, weight = corner_shares(corners, degree, polygon.height)
+    if corners == 3:
+        local = polygon.area
+    else:
+        edge = polygon.edge
+        local = share @ norm(torch.linalg.cross(edge.roll(1, 1), edge, dim=0))
+    height = (share @ polygon.height).clamp(min=0)
+    return share @ polygon.corner, height * local * weight.unsqueeze(-1)
+
+
+def product_sum(here: Tensor, bright: Tensor, there: Tensor, other: Tensor) -> Tensor:
+    """sum_kl b_k b_l / r_kl^4 of each pair; arguments as from `weighted_points`."""
+    (ax, ay, az), (bx, by, bz) = here.unsqueeze(2).unbind(), there.unsqueeze(1).unbind()
+    x, y, z = ax - bx, ay - by, az - bz
+    square = torch.addcmul(torch.addcmul(x * x, y, y), z, z)
+    return ((other / (square * square)).sum(1) * bright).sum(0)
+
+
+@torch.no_grad()
+def _tolerance(first: Polygon, second: Polygon, rtol: float) -> Float[Tensor, "pair"]:
+    """Error of the mean logarithms that keeps `rtol`, from a coarse estimate of K."""
+    points = [_drawn_in(side.corner, 1) for side in (first, second)]
+    heights = [_drawn_in(side.height, 0).clamp(min=0) for side in (first, second)]
+    square = norm(points[0].unsqueeze(2) - points[1].unsqueeze(1)).square()
+    kernel = heights[0].unsqueeze(1) * heights[1] / square.square()
+    areas = (first.area, second.area)
+    estimate = areas[0] * areas[1] * kernel.nan_to_num().mean((0, 1)) / math.pi
+    estimate = torch.minimum(estimate, torch.minimum(*areas))
+    around = norm(first.edge).sum(0) * norm(second.edge).sum(0)
+    share = guarded_divide(2 * math.pi * estimate, around) * (rtol / 8)
+    return share.clamp(torch.finfo(share.dtype).eps / 2, 1e-2)
+
+
+def _drawn_in(values: Tensor, axis: int) -> Tensor:
+    """Corner values moved towards their mean: those of points inside."""
+    mean = values.mean(axis, keepdim=True)
+    return mean + (values - mean) / math.sqrt(3)

@@ -20,11 +20,17 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import InvalidValueError, ResourceLimitError, ShapeError
+from torchradiometry.errors import (
+    DegenerateGeometryError,
+    InvalidValueError,
+    OutOfRangeError,
+    ResourceLimitError,
+    ShapeError,
+)
 from torchradiometry.geometry.patches import Patches
-from torchradiometry.numerics import guarded_divide
+from torchradiometry.numerics import guarded_divide, safe_norm, wide
 from torchradiometry.transport.closure import cap_rows, close_enclosure
-from torchradiometry.transport.exchange import NEAR, unoccluded_exchange
+from torchradiometry.transport.exchange import RTOL, unoccluded_exchange
 from torchradiometry.transport.rays import AbstractRayCaster
 from torchradiometry.transport.rules import pair_index
 from torchradiometry.transport.visibility import pair_visibility, possible_blockers
@@ -36,6 +42,8 @@ __all__ = ["exchange_areas", "form_factors"]
 
 #: dense `patch patch` float64 matrices that exist at the same time
 MATRICES = 6
+#: how far corners of a quad may lie from a plane, in sizes, besides their rounding
+PLANAR = 2.0**-17
 
 
 def form_factors(
@@ -45,7 +53,7 @@ def form_factors(
     closed: bool | Bool[Tensor, "patch"] = False,
     exposure: Float[Tensor, "patch"] | None = None,
     samples: int = 4,
-    near: float = NEAR,
+    rtol: float = RTOL,
     budget: int = 2**32,
     seed: int = 0,
 ) -> Float[Tensor, "patch patch"]:
@@ -60,7 +68,7 @@ def form_factors(
         exposure: share of each patch that is not buried in another body, 0..1; F refers to
             the exposed area. None: all of it.
         samples: shadow segments per pair; four times as many in penumbras.
-        near: pairs nearer than this many sums of radii use the contour integral.
+        rtol: relative error of every unoccluded pair, 1e-12...0.1.
         budget: bytes that may be allocated.
         seed: of the shadow segments.
 
@@ -70,6 +78,8 @@ def form_factors(
     Raises:
         ShapeError: not triangles or quads.
         InvalidValueError: NaN corners.
+        DegenerateGeometryError: quads that are not planar, or crossed, or not convex.
+        OutOfRangeError: `rtol` not between 0 and 1.
         ResourceLimitError: the matrices would not fit into `budget`.
         NotConvergedError: `closed`, but no scaling closes the patches.
 
@@ -89,7 +99,7 @@ def form_factors(
         closed=closed,
         exposure=exposure,
         samples=samples,
-        near=near,
+        rtol=rtol,
         budget=budget,
         seed=seed,
     )
@@ -103,7 +113,7 @@ def exchange_areas(
     closed: bool | Bool[Tensor, "patch"] = False,
     exposure: Float[Tensor, "patch"] | None = None,
     samples: int = 4,
-    near: float = NEAR,
+    rtol: float = RTOL,
     budget: int = 2**32,
     seed: int = 0,
 ) -> tuple[Float[Tensor, "patch patch"], Float[Tensor, "patch"]]:
@@ -111,11 +121,11 @@ def exchange_areas(
 
     Arguments and errors as of `form_factors`.
     """
-    _check(patches, budget)
-    area = patches.area.to(torch.float64)
+    _check(patches, rtol, budget)
+    area = Patches(patches.corners.to(torch.float64)).area
     if exposure is not None:
         area = area * exposure.to(area)
-    exchange = unoccluded_exchange(patches, near)
+    exchange = unoccluded_exchange(patches, rtol)
     if rays is not None:
         exchange = exchange * _visibility(patches, rays, exchange, samples, seed)
     if isinstance(closed, Tensor):
@@ -125,7 +135,7 @@ def exchange_areas(
     return exchange, area
 
 
-def _check(patches: Patches, budget: int) -> None:
+def _check(patches: Patches, rtol: float, budget: int) -> None:
     corners = patches.corners
     if corners.ndim != 3 or corners.shape[1] not in (3, 4) or corners.shape[2] != 3:
         raise ShapeError(
@@ -133,13 +143,39 @@ def _check(patches: Patches, budget: int) -> None:
         )
     if not bool(torch.isfinite(corners.detach()).all()):
         raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
+    if not 0 < rtol < 1:
+        raise OutOfRangeError("rtol", f"{rtol!r}", "pass a relative error such as 1e-10 or 1e-3")
     needed = MATRICES * 8 * patches.count**2
     if needed > budget:
         raise ResourceLimitError(
             "form_factors",
             f"{patches.count} patches, which need {needed} bytes of {budget}",
-            "use larger patches, or raise `budget`",
+            "use larger patches or `hierarchical_operator`, or raise `budget`",
         )
+    if corners.shape[1] == 4:
+        _check_quads(corners.detach())
+
+
+@torch.no_grad()
+def _check_quads(corners: Float[Tensor, "patch 4 3"]) -> None:
+    """Refuse quads that are bent, or whose corners do not all turn the same way."""
+    exact = wide(corners)[0]
+    offset = exact - exact[:, :1]
+    size = offset.abs().amax((1, 2))
+    allowed = size * PLANAR + exact.abs().amax((1, 2)) * torch.finfo(corners.dtype).eps * 8
+    edge = offset.roll(-1, 1) - offset
+    turn = torch.linalg.cross(edge.roll(1, 1), edge)
+    # twice the volume of the corners' tetrahedron over their area: how far they leave a plane
+    normal = torch.linalg.cross(offset[:, 2], offset[:, 3] - offset[:, 1])
+    volume = (offset[:, 1:] * normal.unsqueeze(1)).sum(-1).abs().amax(1)
+    height = guarded_divide(volume, safe_norm(normal))
+    agree = torch.einsum("pkx,plx->pkl", turn, turn).amin((1, 2))
+    crossed, bent = agree < -((allowed * size) ** 2), height > allowed
+    for bad, what in ((crossed, "crossed or not convex"), (bent, "not planar")):
+        if bool(bad.any()):
+            first = int(bad.int().argmax())
+            got = f"{int(bad.sum())} quads that are {what}, the first of them patch {first}"
+            raise DegenerateGeometryError("patches", got, "split quads into triangles")
 
 
 @torch.no_grad()
@@ -153,6 +189,7 @@ def _visibility(
     if not bool(blockers.any()):
         return visibility
     i, j = pair_index(patches.count, exchange.detach() > 0)
-    value = pair_visibility(Patches(corners), rays, i, j, samples, seed)
+    weight = exchange.detach()[i, j]
+    value = pair_visibility(Patches(corners), rays, i, j, samples, seed, weight).visibility
     visibility[i, j] = visibility[j, i] = value.to(exchange)
     return visibility

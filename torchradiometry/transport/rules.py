@@ -5,18 +5,22 @@
 Triangles use rules that are symmetric under exchange of corners; quads the product of
 Gauss-Legendre rules in their bilinear coordinates, weighted by the Jacobian (constant on a
 parallelogram). A rule of degree d is exact for polynomials up to d on triangles and
-parallelograms. `split` applies the rule to split^2 similar parts.
+parallelograms: 1, 3 and 7 points on a triangle for degrees 1, 2 and 5, (d/2 + 1)^2 otherwise
+(on triangles in collapsed coordinates). `split` applies the rule to split^2 similar parts.
 
 References: A. Stroud and D. Secrest, *Gaussian Quadrature Formulas* (1966), for degree 2;
-J. Radon (1948), degree 5 with 7 points; M. Roberts, "The Unreasonable Effectiveness of
+J. Radon (1948), degree 5 with 7 points; G. Golub and J. Welsch, Math. Comp. 23 (1969), for
+points of any degree; M. Roberts, "The Unreasonable Effectiveness of
 Quasirandom Sequences" (2018), for the additive sequence of the samples.
 """
 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -26,6 +30,7 @@ from torchradiometry.numerics import guarded_divide
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
+    from numpy.typing import NDArray
 
 __all__ = ["PatchPoints", "patch_points", "sample_patches", "sequence"]
 
@@ -41,11 +46,11 @@ _TRIANGLE = {
 }
 #: weight of the centroid by degree
 _CENTRE = {1: 1.0, 2: 0.0, 5: 9 / 40}
-#: nodes and weights on 0..1 by degree
+#: nodes and weights on 0..1 by number of points
 _LINE = {
     1: [(0.5, 1.0)],
     2: [(0.5 - math.sqrt(1 / 12), 0.5), (0.5 + math.sqrt(1 / 12), 0.5)],
-    5: [(0.5 - math.sqrt(0.15), 5 / 18), (0.5, 4 / 9), (0.5 + math.sqrt(0.15), 5 / 18)],
+    3: [(0.5 - math.sqrt(0.15), 5 / 18), (0.5, 4 / 9), (0.5 + math.sqrt(0.15), 5 / 18)],
 }
 
 
@@ -64,36 +69,42 @@ class PatchPoints(NamedTuple):
 def patch_points(
     corners: Float[Tensor, "patch corner 3"], degree: int, split: int = 1
 ) -> PatchPoints:
-    """Points and weights of the rule of `degree` 1, 2 or 5 on triangles or quads.
+    """Points and weights of a rule of `degree` on triangles or quads.
 
     Args:
         corners: of triangles or planar convex quads, m.
-        degree: polynomials up to it are averaged exactly.
+        degree: polynomials up to it are averaged exactly, >= 1.
         split: the patch is cut into split^2 similar parts first.
 
     Differentiable in: corners.
-    Export: compile yes, ONNX yes.
+    Export: degrees 1, 2 and 5: compile yes, ONNX yes.
 
     >>> patch_points(torch.eye(3).unsqueeze(0), 1).position
     tensor([[[0.3333, 0.3333, 0.3333]]])
     """
-    if degree not in _CENTRE:
-        raise OutOfRangeError("degree", f"{degree}", f"use one of {sorted(_CENTRE)}")
-    share, weight = _shares(corners.shape[-2], degree, split, corners)
+    if degree < 1:
+        raise OutOfRangeError("degree", f"{degree}", "pass at least 1")
+    share, weight = corner_shares(corners.shape[-2], degree, corners, split)
     position = torch.einsum("kc,pcx->pkx", share, corners)
     if corners.shape[-2] == 3:
         return PatchPoints(position, weight.expand(len(corners), -1))
     return PatchPoints(position, _with_jacobian(corners, share, weight))
 
 
-def _shares(sides: int, degree: int, split: int, like: Tensor) -> tuple[Tensor, Tensor]:
-    """Corner shares `point corner` and weights `point` on the parts of the unit patch."""
+def corner_shares(
+    sides: int, degree: int, like: Tensor, split: int = 1
+) -> tuple[Float[Tensor, "point corner"], Float[Tensor, "point"]]:
+    """The rule on the unit patch: how each point mixes the corners, and its weight.
+
+    On a quad the weight is to be multiplied by the local area of the bilinear map.
+    """
     triangle = sides == 3
     nodes, weights = _triangle_rule(degree) if triangle else _quad_rule(degree)
     square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
+    whole = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] if triangle else square
     share, weight, unit = (
         torch.tensor(rows, dtype=torch.float64, device=like.device)
-        for rows in (nodes, weights, torch.eye(3).tolist() if triangle else square)
+        for rows in (nodes, weights, whole)
     )
     if split > 1:
         edge = float((unit.roll(-1, 0) - unit).norm(dim=-1).max()) / split
@@ -107,6 +118,8 @@ def _shares(sides: int, degree: int, split: int, like: Tensor) -> tuple[Tensor, 
 
 
 def _triangle_rule(degree: int) -> tuple[list[list[float]], list[float]]:
+    if degree not in _CENTRE:
+        return _collapsed_rule(degree // 2 + 1)
     share = [[1 / 3] * 3] if _CENTRE[degree] else []
     weight = [_CENTRE[degree]] if _CENTRE[degree] else []
     for one, each in _TRIANGLE[degree]:
@@ -116,10 +129,40 @@ def _triangle_rule(degree: int) -> tuple[list[list[float]], list[float]]:
     return share, weight
 
 
+@cache
+def _collapsed_rule(order: int) -> tuple[list[list[float]], list[float]]:
+    """The square's product rule drawn together at one corner; degree 2 order - 1."""
+    k = np.arange(order)
+    diagonal = -1 / ((2 * k + 1) * (2 * k + 3))
+    beside = np.sqrt(k[1:] * (k[1:] + 1)) / (2 * k[1:] + 1)
+    # Gauss-Jacobi points of the weight 1 - x by Golub and Welsch (1969)
+    value, vector = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+    across = [(0.5 + x / 2, w) for x, w in zip(value, vector[0] ** 2, strict=True)]
+    nodes = [(u, (1 - u) * v, a * b) for u, a in across for v, b in _line(order)]
+    return [[1 - u - v, u, v] for u, v, _ in nodes], [w for _, _, w in nodes]
+
+
 def _quad_rule(degree: int) -> tuple[list[list[float]], list[float]]:
-    nodes = [(u, v, a * b) for u, a in _LINE[degree] for v, b in _LINE[degree]]
+    line = _line(degree // 2 + 1)
+    nodes = [(u, v, a * b) for u, a in line for v, b in line]
     share = [[(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v] for u, v, _ in nodes]
     return share, [w for _, _, w in nodes]
+
+
+@cache
+def _line(order: int) -> list[tuple[float, float]]:
+    """Gauss-Legendre points on 0..1 with their weights."""
+    if order in _LINE:
+        return _LINE[order]
+    node: NDArray = np.asarray(np.polynomial.legendre.leggauss(order)[0], dtype=np.longdouble)
+    for _ in range(2):  # steps of Newton: the library's last digits are not all right
+        below, value = node**0, node
+        for k in range(1, order):
+            below, value = value, ((2 * k + 1) * node * value - k * below) / (k + 1)
+        slope = order * (below - node * value) / ((1 - node) * (1 + node))
+        node = node - value / slope
+    weight = 1 / ((1 - node) * (1 + node) * slope**2)
+    return [(float((1 + x) / 2), float(w)) for x, w in zip(node, weight, strict=True)]
 
 
 def _with_jacobian(corners: Tensor, share: Tensor, weight: Tensor) -> Tensor:
@@ -132,6 +175,16 @@ def _with_jacobian(corners: Tensor, share: Tensor, weight: Tensor) -> Tensor:
     area = (torch.linalg.cross(along, across) * normal).sum(-1) * weight
     total = area.sum(-1, keepdim=True)
     return torch.where(total > 0, guarded_divide(area, total), weight)
+
+
+def line_rule(order: int, like: Tensor) -> tuple[Float[Tensor, "point"], Float[Tensor, "point"]]:
+    """Gauss-Legendre points on 0..1 and their weights, which sum to 1; exact to degree 2n - 1.
+
+    >>> line_rule(1, torch.zeros(1))
+    (tensor([0.5000]), tensor([1.]))
+    """
+    points = torch.tensor(_line(order), dtype=torch.float64).to(like)
+    return points[:, 0], points[:, 1]
 
 
 def sequence(samples: int, axes: int, like: Tensor) -> Float[Tensor, "sample axis"]:
