@@ -7,6 +7,8 @@ training step gives them new materials, lights and a new camera (`learn.images`)
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,16 +47,30 @@ def train_and_export(folder: Path, fast: bool) -> TrainedModel:
     """Make the training pictures, train, write `photometric.onnx` and check it."""
     training = demo_training(fast)
     pictures = _training_pictures(folder)
-    with progress_bar(
-        ("Shading training surfaces", training.surfaces.shapes),
-        ("Training the network", training.steps),
-    ) as (surfaces, steps):
+    with (
+        progress_bar(
+            ("Shading training surfaces", training.surfaces.shapes),
+            ("Training the network", training.steps),
+        ) as (surfaces, steps),
+        _one_thread(),
+    ):
         trained = train(training, steps, surfaces_advance=surfaces)
     draw_learning_curve(folder / "learning-curve.png", trained.degrees)
     assert isinstance(trained.network, PhotometricNetwork)
     model = export_photometric(trained.network, folder / "photometric.onnx")
     check = check_onnx(model, trained.network, sizes={"pixel": 100, "light": 17})
     return TrainedModel((pictures, _learning(training, trained), _exported(model, check)), model)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Small tensors gain little from two threads, which wait for each other on a busy machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def export_photometric(network: PhotometricNetwork, path: Path) -> Path:
