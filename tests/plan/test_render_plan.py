@@ -11,6 +11,8 @@ import pytest
 import torch
 
 from torchradiometry import errors, files, plan, render, scene, sources
+from torchradiometry.plan import render_plan
+from torchradiometry.render.indirect import CLUSTER_ERROR
 
 UPRIGHT = ("left", "right", "top", "back", "front")
 
@@ -164,24 +166,40 @@ def test_render_file_leaves_nothing_behind_on_bad_input(tmp_path: Path) -> None:
     assert torch.is_grad_enabled()
 
 
-def dented_ball() -> scene.Scene:
-    """A body that is not convex, with more faces than the planner turns into patches."""
-    ball = scene.sphere("ball", 1.0, subdivisions=5, smooth=False)
-    dent = 1 - 0.3 * torch.exp(-8 * (1 - ball.vertices[:, 2:]))
+def dented_ball(subdivisions: int) -> scene.Scene:
+    """A body that is not convex, of 20 * 4^subdivisions faces."""
+    ball = scene.sphere("ball", 1.0, subdivisions=subdivisions, smooth=False)
+    dent = 1 - 0.6 * torch.exp(-8 * (1 - ball.vertices[:, 2:]))
     body = replace(ball, vertices=ball.vertices * dent)
     return scene.with_default_view(scene.Scene((body,), (sun(),)), width=20, height=15)
 
 
-def test_a_mesh_of_too_many_faces_is_rendered_without_interreflection_and_says_so() -> None:
-    made = dented_ball()
+def test_a_mesh_of_too_many_faces_is_rendered_without_interreflection_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(render_plan, "MOST_SECONDS", 10.0)
+    made = dented_ball(4)
     found = plan.plan_render(made, made.cameras[0], 0.01)
     assert found.bounces == 0
-    assert "20480 faces" in found.reasons["interreflection"]
+    assert "5120 faces would take" in found.reasons["interreflection"]
     assert found.parts["interreflection"] > 0
     assert "not met" in found.reasons["tolerance"]
     picture = render.render_scene(made, made.cameras[0], found.settings)
     assert torch.isfinite(picture.radiance).all()
     assert picture.radiance.max() > 0
+
+
+def test_a_large_mesh_keeps_interreflection_through_clusters() -> None:
+    large, small = dented_ball(5), dented_ball(4)
+    found = plan.plan_render(large, large.cameras[0], 0.01)
+    assert found.bounces > 0
+    assert "20480 patches" in found.reasons["clusters"]
+    assert found.parts["clusters"] == CLUSTER_ERROR
+    assert found.predicted_error == pytest.approx(sum(found.parts.values()))
+    few = plan.plan_render(small, small.cameras[0], 0.01)
+    assert few.bounces > 0
+    assert "clusters" not in few.reasons
+    assert "clusters" not in few.parts
 
 
 def test_mutual_view_of_a_closed_room_is_one_and_of_a_ball_zero() -> None:

@@ -9,8 +9,10 @@ from torch import Tensor
 
 from tests.render.test_picture import FAST, camera_above, cornell, floor
 from tests.tolerances import assert_close
-from torchradiometry import errors, geometry, render, scene, sources
+from torchradiometry import errors, geometry, render, scene, solve, sources
 from torchradiometry.geometry.patches import Patches
+from torchradiometry.render import indirect
+from torchradiometry.render.exposure import exposure_of
 from torchradiometry.render.gather import gather_weights
 from torchradiometry.render.indirect import first_patches
 from torchradiometry.render.lattice import build_lattice, spread, vertex_values, weld_patches
@@ -183,6 +185,61 @@ def test_budget_stops_the_subdivision() -> None:
     assert first < found.patches <= first + 60
     with pytest.raises(errors.OutOfRangeError, match="patch_error"):
         render.RenderSettings(patch_error=2.0)
+
+
+COARSE = replace(FAST, patch_size=3.0)
+
+
+def clustered(monkeypatch: pytest.MonkeyPatch, made: scene.Scene) -> render.View:
+    monkeypatch.setattr(indirect, "MOST_DENSE", 0)
+    return render.view_scene(made, made.cameras[0], COARSE)
+
+
+def test_pictures_through_clusters_are_those_through_a_matrix(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = cornell(8, 6)
+    dense = render.view_scene(made, made.cameras[0], COARSE)
+    view = clustered(monkeypatch, made)
+    assert dense.exchange is not None
+    assert view.exchange is not None
+    assert isinstance(dense.exchange.operator, solve.DenseOperator)
+    assert isinstance(view.exchange.operator, solve.HierarchicalOperator)
+    assert dense.exchange.reason.startswith("a matrix")
+    assert view.exchange.reason.startswith("a tree of clusters")
+    found, expected = render.develop(view, made).radiance, render.develop(dense, made).radiance
+    difference = float((found - expected).abs().sum() / expected.sum())
+    # each keeps the radiosity to this share of it
+    assert 0 < difference < indirect.CLUSTER_ERROR + indirect.PAIR_ERROR
+    rows, same = view.exchange.operator.row_sums(), dense.exchange.operator.row_sums()
+    assert rows.max() < 1 + 1e-12
+    assert (rows - same).abs().mean() < indirect.CLUSTER_ERROR
+
+
+def test_gradients_reach_colours_through_clusters(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = cornell(4, 3)
+    view = clustered(monkeypatch, made)
+
+    def mean(share: Tensor) -> Tensor:
+        painted = tuple(replace(s, albedo=s.albedo * share) for s in made.surfaces)
+        return render.develop(view, replace(made, surfaces=painted)).radiance.mean()
+
+    share = torch.tensor(0.8, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(mean, (share,))
+
+
+def test_gradients_of_corners_ask_for_a_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(indirect, "MOST_DENSE", 0)
+    world = render.prepare(cornell(4, 3), FAST)
+    corners = first_patches(world, COARSE).corners.detach().requires_grad_()
+    patches = Patches(corners)
+    exposure = exposure_of(world, patches, 0)
+    operator, reason = indirect.operator_between(world, patches, exposure, FAST)
+    assert isinstance(operator, solve.DenseOperator)
+    assert "gradients" in reason
+    operator.row_sums().square().sum().backward()
+    assert corners.grad is not None
+    assert corners.grad.abs().sum() > 0
 
 
 def test_gathered_pictures_are_near_interpolated_ones() -> None:

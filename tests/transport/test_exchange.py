@@ -318,3 +318,34 @@ def test_the_matrix_is_made_of_the_pairs() -> None:
     assert_close(matrix, pairs, rtol=1e-12)
     assert (matrix > 0).sum() > 10
     assert transport.unoccluded_exchange(Patches(corners[:0])).shape == (0, 0)
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-7])
+def test_blocks_keep_rtol_and_symmetry(rtol: float) -> None:
+    """Two walls and a ceiling in many patches, some beyond their planes, far from the origin."""
+    wall = SQUARE.new_tensor([[0, 0, -0.3], [0, 1, -0.3], [0, 1, 1], [0, 0, 1]])
+    faces = torch.stack((SQUARE, wall, SQUARE.flip(0) + SQUARE.new_tensor([0, 0, 1])))
+    patches = subdivide(Patches(faces + 40), 0.2)[0]
+    found = transport.unoccluded_exchange(patches, rtol)
+    i, j = torch.triu_indices(patches.count, patches.count, 1)
+    exact = transport.polygon_exchange(patches.corners[i], patches.corners[j], 1e-12)
+    assert torch.equal(found, found.mT)
+    assert int((exact > 0).sum()) > 1000
+    assert_close(found[i, j], exact, rtol=rtol, atol=ROUNDING)
+
+
+def test_gradients_of_blocks_are_those_of_pairs() -> None:
+    faces = torch.stack((SQUARE, SQUARE.flip(0) + SQUARE.new_tensor([0.3, 0.2, 4])))
+    corners = subdivide(Patches(faces), 0.34)[0].corners
+    i, j = torch.triu_indices(len(corners), len(corners), 1)
+    weight = torch.rand(len(i), generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    one, other = (corners.clone().requires_grad_() for _ in range(2))
+    # at distances of 12 sizes one degree serves all pairs: the same rule either way
+    matrix = transport.unoccluded_exchange(Patches(one), 1e-4)[i, j]
+    pairs = transport.polygon_exchange(other[i], other[j], 1e-4)
+    found, expected = (
+        torch.autograd.grad((value * weight).sum(), leaf)[0]
+        for value, leaf in ((matrix, one), (pairs, other))
+    )
+    assert float(expected.abs().max()) > 0
+    assert_close(found, expected, rtol=1e-9, atol=1e-12 * float(expected.abs().max()))

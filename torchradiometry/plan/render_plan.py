@@ -1,9 +1,10 @@
 """How much is enough: from a scene and a tolerance to the settings of the renderer.
 
-The relative L1 error of a picture is budgeted over four causes, each with its own law:
+The relative L1 error of a picture is budgeted over these causes, each with its own law:
 
     bounces       q^(k+1),                 q = largest albedo, k bounces (0 on convex bodies)
     patches       C_p i h / R              h patch edge, R half diagonal, i indirect share
+    clusters      C_c                      where a tree of clusters stands for the matrix
     shadows       C_s / S                  S shadow rays to an emitting face
     edges         C_a / (s^(3/2) n)        s^2 rays a pixel, n pixels along the shorter side
 
@@ -12,7 +13,8 @@ is at most q^(k+1) of all light. The others are estimates; their constants were 
 against finer pictures of rooms and bodies and then raised to the largest value found times a
 margin (see docs/plan.md). An effect is included only if the scene calls for it: no shadow rays
 on a convex body, no area sampling without a shining face, no patches where no face can see
-another or where nothing reflects.
+another, where nothing reflects, or where a mesh has so many faces that its tree of clusters
+would take longer than `MOST_SECONDS`.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from torch import Tensor
 from torchradiometry.errors import EmptySceneError, OutOfRangeError
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.plan.pilot import mutual_view, reflected_share
+from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene, Triangles
 from torchradiometry.transport.rays import RELATIVE_TOLERANCE
@@ -42,7 +45,9 @@ HARD_SHADOWS = 1.5
 TEXTURES = 5.0
 #: shares of the tolerance that bounces and the three others may use
 BOUNCE_SHARE = 0.1
-#: no plan asks for more than these
+#: interreflection of a face in a tree of clusters, s on one thread; of all faces at most
+FACE_SECONDS, MOST_SECONDS = 2.5e-3, 120.0
+#: no plan asks for more than these; faces themselves may be more than the patches they are cut to
 MOST_BOUNCES, MOST_PATCHES, MOST_SHADOWS, MOST_SUPERSAMPLING = 64, 6000, 32, 6
 
 
@@ -184,9 +189,13 @@ def _plan_bounces(
     if found.emitters == 0 and found.lamps == 0:
         reasons["interreflection"] = "left out: nothing shines"
         return 0
-    too_many = found.faces > MOST_PATCHES
+    seconds = found.faces * FACE_SECONDS
+    too_many = seconds > MOST_SECONDS
     if too_many or found.reflected < BOUNCE_SHARE * tolerance:
-        why = f"{found.faces} faces are more patches than the planner allows, {MOST_PATCHES}"
+        why = (
+            f"{found.faces} faces would take about {seconds:.0f} s, the planner allows "
+            f"{MOST_SECONDS:.0f} s"
+        )
         parts["interreflection"] = found.reflected
         reasons["interreflection"] = (
             f"left out: {why if too_many else 'surfaces hardly see each other'}; about "
@@ -224,6 +233,10 @@ def _plan_patches(
     parts["patches"] = PATCH_ERROR * share * size / found.scale
     why = "as the tolerance asks" if wanted >= smallest else f"at most {MOST_PATCHES} patches"
     reasons["patches"] = f"edges up to {size:.3g} m: {why}"
+    count = round(max(found.faces, 4 * found.area / size**2))
+    if count > MOST_DENSE:
+        parts["clusters"] = CLUSTER_ERROR
+        reasons["clusters"] = f"{count} patches or more: they exchange light through clusters"
     return size
 
 

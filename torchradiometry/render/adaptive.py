@@ -8,7 +8,7 @@ mean of its three vertices, each the mean of the patches around it, measures how
 (shadow edges, contacts, creases). `spread_i` is what direct light varies inside a patch, times
 the share that a neighbour sees of it: constant radiosity misses it. The patches with
 the largest e are split in four, those that hold `MARKED` of the sum, and all is solved again,
-until the sum meets the target or the budget is spent.
+until the sum meets the target or there are as many patches as a matrix in the budget can hold.
 
 References: D. Lischinski, F. Tampieri and D. Greenberg, "Combining Hierarchical Radiosity and
 Discontinuity Meshing", SIGGRAPH 1993; W. Doerfler, "A Convergent Adaptive Algorithm for
@@ -142,7 +142,7 @@ def _slopes(
 
 
 def _marked(error: Float[Tensor, "patch"], settings: RenderSettings) -> Bool[Tensor, "patch"]:
-    """The fewest patches that hold `MARKED` of the error and fit into the budget."""
+    """The fewest patches that hold `MARKED` of the error; their matrix would fit the budget."""
     order = error.argsort(descending=True)
     before = error[order].cumsum(0) - error[order]
     most = int((settings.budget / (8 * MATRICES)) ** 0.5)

@@ -11,7 +11,8 @@ by the albedo of the very point, so textures stay sharp. M does not contribute t
 light reaches the picture directly and exactly.
 
 `Exchange` is geometry alone and serves any albedo and radiance; `solve_exchange` is what is
-left to do, a few products with F.
+left to do, a few products with F. F is a dense matrix for few patches and a tree of clusters
+for many; `operator_between` decides.
 
 Black backs are no patches: what they receive is lost, as it should be. Rows of patches that
 see only patches are closed to 1 all the same (`exposure`).
@@ -41,20 +42,25 @@ from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.subdivision import Subdivision, find, unrefined
 from torchradiometry.render.world import World
 from torchradiometry.scene.scene import Triangles
+from torchradiometry.shade.large_scenes import hierarchical_operator
 from torchradiometry.shade.radiosity import RadiosityShading
 from torchradiometry.solve.neumann import Neumann
+from torchradiometry.solve.operators import AbstractOperator, DenseOperator
 from torchradiometry.solve.solution import Solution
-from torchradiometry.transport.form_factors import form_factors
+from torchradiometry.transport.form_factors import MATRICES, form_factors
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
 __all__ = [
+    "CLUSTER_ERROR",
+    "MOST_DENSE",
     "Exchange",
     "Indirect",
     "exchange_between",
     "first_patches",
     "indirect_at",
+    "operator_between",
     "patch_size_of",
     "solve_exchange",
 ]
@@ -63,6 +69,10 @@ __all__ = [
 PATCH_SHARE = 1 / 6
 #: relative error of unoccluded form factors: constant radiosity on patches costs more
 PAIR_ERROR = 1e-2
+#: relative error of the radiosity that a tree of clusters aims at
+CLUSTER_ERROR = 0.01
+#: patches above which a tree is made: of bodies sooner than a matrix, of rooms in less memory
+MOST_DENSE = 6000
 #: a triangle is flat if its shading normals deviate from its plane by less (cosine)
 FLAT = 1 - 2.0**-12
 
@@ -79,7 +89,8 @@ class Exchange(NamedTuple):
         weights, points: mean W of the emitters over the free points of a patch, W/m2 per
             W/m2/sr, and W on the points themselves.
         lamps: mean E by sources, W/m2.
-        form_factors: F[receiver, emitter].
+        operator: F of the patches, for any solver.
+        reason: why F is a matrix or a tree of clusters.
     """
 
     subdivision: Subdivision
@@ -90,14 +101,15 @@ class Exchange(NamedTuple):
     weights: Float[Tensor, "patch emitter"]
     points: Float[Tensor, "patch point emitter"]
     lamps: Float[Tensor, "patch channel"]
-    form_factors: Float[Tensor, "patch patch"]
+    operator: AbstractOperator
+    reason: str
 
 
 class Indirect(NamedTuple):
     """Solved interreflection.
 
     Attributes:
-        exchange: patches and form factors.
+        exchange: patches and what they send each other.
         values: irradiance by reflected light on welded vertices, W/m2.
         albedo, exitance: of the patches; 1, W/m2.
         solution: the reflected light R, W/m2, with its bound.
@@ -139,16 +151,7 @@ def exchange_between(world: World, subdivision: Subdivision, settings: RenderSet
     """
     patches = Patches(subdivision.corners)
     exposure = exposure_of(world, patches, settings.seed)
-    factors = form_factors(
-        patches,
-        world.rays,
-        closed=exposure.enclosed,
-        exposure=exposure.share,
-        samples=settings.pair_samples,
-        rtol=PAIR_ERROR,
-        budget=settings.budget,
-        seed=settings.seed,
-    )
+    operator, reason = operator_between(world, patches, exposure, settings)
     triangle = world.faces.triangle[subdivision.face]
     weights, lamps = _direct(world, settings, patches, exposure)
     return Exchange(
@@ -160,8 +163,59 @@ def exchange_between(world: World, subdivision: Subdivision, settings: RenderSet
         _over_free(weights, exposure),
         weights,
         _over_free(lamps, exposure),
-        factors,
+        operator,
+        reason,
     )
+
+
+def operator_between(
+    world: World, patches: Patches, exposure: Exposure, settings: RenderSettings
+) -> tuple[AbstractOperator, str]:
+    """F of patches as the operator that costs less, and why.
+
+    Up to `MOST_DENSE` patches whose matrix fits into the budget F is a `DenseOperator`, beyond
+    either a `HierarchicalOperator`. Corners that ask for gradients get them from the matrix
+    only.
+
+    Args:
+        world: what blocks.
+        patches: senders and receivers.
+        exposure: what of them lies free.
+        settings: budget, samples and seed.
+
+    Raises:
+        ResourceLimitError: too many patches for the budget.
+    """
+    count, learns = patches.count, patches.corners.requires_grad
+    needed = 8 * MATRICES * count**2
+    enclosed, share = exposure.enclosed, exposure.share
+    if learns or (count <= MOST_DENSE and needed <= settings.budget):
+        factors = form_factors(
+            patches,
+            world.rays,
+            closed=enclosed,
+            exposure=share,
+            samples=settings.pair_samples,
+            rtol=PAIR_ERROR,
+            budget=settings.budget,
+            seed=settings.seed,
+        )
+        area = patches.area.detach() * share
+        why = "their corners ask for gradients" if learns else f"at most {MOST_DENSE}"
+        return DenseOperator(factors, area), f"a matrix: {count} patches, {why}"
+    operator = hierarchical_operator(
+        patches,
+        world.rays,
+        closed=enclosed,
+        exposure=share,
+        tolerance=CLUSTER_ERROR,
+        budget=settings.budget,
+        seed=settings.seed,
+    )
+    why = f"more than {MOST_DENSE}"
+    if count <= MOST_DENSE:
+        why = f"whose matrix needs {needed} bytes of {settings.budget}"
+    return operator, f"a tree of clusters: {count} patches, {why}"
 
 
 def _direct(
@@ -210,9 +264,9 @@ def solve_exchange(
     exitance = math.pi * triangles.emission[exchange.triangle].to(torch.float64)
     first = albedo * (exchange.lamps + exchange.weights @ world.glow(triangles))
     solver = Neumann(max(settings.bounces - 1, 0), settings.ambient_tail)
-    factors = exchange.form_factors
-    solution = RadiosityShading(factors, solver).solution(albedo, first)
-    irradiance = factors @ solution.radiosity
+    operator = exchange.operator
+    solution = RadiosityShading(operator, solver).solution(albedo, first)
+    irradiance = operator(solution.radiosity)
     weight = exchange.patches.area.detach() * exchange.exposure.share
     values = vertex_values(irradiance, weight, exchange.welding)
     return Indirect(exchange, values, albedo, exitance, solution, irradiance)

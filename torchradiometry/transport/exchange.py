@@ -11,6 +11,8 @@ the largest distance of a corner from its centroid:
   polygon is seen at grazing incidence its brightness varies from 0, and rules lose one order.
   All terms are positive and nothing cancels, at any distance. The C_d are measured: no pair of
   24 000 random triangles and quads, slender and unequal ones among them, lies above them.
+  Of the pairs of a matrix, most are far and not cut: blocks of them are done at once
+  (`exchange_blocks`).
 * near: the double contour integral (`contour`), with a tolerance that follows from `rtol` and
   from an estimate of K. Its rounding error is about 1e-16 |P_1| |P_2| / (2 pi), |P| the
   perimeters, so `rtol` = 1e-10 holds for K > 1e-6 |P_1| |P_2|: touching squares from 1 to 179
@@ -29,11 +31,16 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.geometry.patches import Patches, vector_area
-from torchradiometry.numerics import dot, guarded_divide, safe_normalize, wide
+from torchradiometry.geometry.patches import Patches
+from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.contour import contour_exchange
+from torchradiometry.transport.exchange_blocks import (
+    RULES,
+    dense_exchange,
+    lowest_rule,
+    surface_points,
+)
 from torchradiometry.transport.polygon_pairs import Polygon, PolygonPairs, norm, polygon_pairs
-from torchradiometry.transport.rules import corner_shares
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -42,10 +49,6 @@ __all__ = ["RTOL", "polygon_exchange", "unoccluded_exchange"]
 
 #: relative error of a pair unless asked otherwise
 RTOL = 10.0**-10
-#: degree d and C_d of the product rules
-RULES = ((2, 0.1), (5, 0.4), (7, 0.2), (9, 0.06), (11, 0.02), (13, 0.004))
-#: nearer than this, in sizes, is near whatever `rtol`
-NEAREST = 1.5
 #: pairs that are prepared at a time, and products of points that are held at a time
 PAIRS, PRODUCTS = 2**13, 2**15
 
@@ -95,31 +98,9 @@ def unoccluded_exchange(patches: Patches, rtol: float = RTOL) -> Float[Tensor, "
     Export: no, see `polygon_exchange`.
     """
     corners = wide(patches.corners)[0]
-    i, j = _candidates(corners.detach())
-    value = _exchange(corners, corners, i, j, rtol)
-    exchange = corners.new_zeros(patches.count, patches.count)
-    return exchange.index_put((torch.cat((i, j)), torch.cat((j, i))), value.repeat(2))
-
-
-def _candidates(corners: Tensor) -> tuple[Int[Tensor, "pair"], Int[Tensor, "pair"]]:
-    """Indices i < j of the patches that have corners in front of each other, block by block."""
-    count = len(corners)
-    corners = corners - corners.reshape(-1, 3).mean(0) if count else corners
-    normal = safe_normalize(vector_area(corners))
-    plane = dot(normal, corners.mean(1))
-    points, size = corners.reshape(-1, 3), corners.abs().amax() if count else 0
-    slack = size * torch.finfo(corners.dtype).eps * 64
-    found = []
-    rows = max(1, PRODUCTS // max(1, len(points)))
-    for start in range(0, count, rows):
-        some = slice(start, start + rows)
-        above = (normal[some] @ points.mT - plane[some, None]).reshape(-1, count, corners.shape[1])
-        back = torch.einsum("jx,icx->ijc", normal, corners[some]) - plane[:, None]
-        both = (above.amax(-1) > -slack) & (back.amax(-1) > -slack)
-        i, j = torch.nonzero(both.triu(start + 1), as_tuple=True)
-        found.append(torch.stack((i + start, j)))
-    i, j = torch.cat(found, 1) if found else torch.zeros(2, 0, dtype=torch.int64)
-    return i, j
+    upper, i, j = dense_exchange(corners, rtol)
+    upper = upper.index_put((i, j), _exchange(corners, corners, i, j, rtol))
+    return upper + upper.mT
 
 
 def _exchange(
@@ -151,12 +132,7 @@ def _rule(first: Polygon, second: Polygon, rtol: float) -> Int[Tensor, "pair"]:
     for side in (first, second):
         low, high = side.height.clamp(min=0).aminmax(dim=0)
         spread = torch.maximum(spread, guarded_divide(high - low, high + low))
-    rule = torch.full_like(away, -1, dtype=torch.int64)
-    inverse = 1 / away.clamp(min=1)
-    for number, (degree, factor) in reversed(list(enumerate(RULES))):
-        enough = (factor * inverse**degree * (spread + inverse) <= rtol) & (away > NEAREST)
-        rule = torch.where(enough, number, rule)
-    return rule
+    return lowest_rule(away, spread, rtol)
 
 
 def _near(pairs: PolygonPairs, rtol: float) -> Float[Tensor, "pair"]:
@@ -234,17 +210,10 @@ def _product(first: Polygon, second: Polygon, degree: int) -> Float[Tensor, "pai
 def weighted_points(polygon: Polygon, degree: int) -> tuple[Tensor, Tensor]:
     """Of a product rule: positions `3 point pair`, and weight x local area x height `point pair`.
 
-    Height and Jacobian are linear over the polygon: they are mixed like the corners.
+    The height is linear over the polygon: it is mixed like the corners.
     """
-    corners = polygon.corner.shape[1]
-    share, weight = corner_shares(corners, degree, polygon.height)
-    if corners == 3:
-        local = polygon.area
-    else:
-        edge = polygon.edge
-        local = share @ norm(torch.linalg.cross(edge.roll(1, 1), edge, dim=0))
-    height = (share @ polygon.height).clamp(min=0)
-    return share @ polygon.corner, height * local * weight.unsqueeze(-1)
+    share, position, measure = surface_points(polygon.corner, degree)
+    return position, (share @ polygon.height).clamp(min=0) * measure
 
 
 def product_sum(here: Tensor, bright: Tensor, there: Tensor, other: Tensor) -> Tensor:
