@@ -251,3 +251,32 @@ def test_gathered_pictures_are_near_interpolated_ones() -> None:
     view, small = replace(made.cameras[0], width=200, height=160), 48 * 350**2
     with pytest.raises(errors.ResourceLimitError, match="gather"):
         render.view_scene(made, view, replace(gathering, budget=small))
+
+
+def test_a_clipped_shadow_moves_with_the_blocker() -> None:
+    """Direct light of a panel behind a card that the camera, below it, does not see."""
+    panel = scene.quad(
+        "panel",
+        [[-0.5, -0.4, 2.0], [-0.5, 0.6, 2.0], [0.5, 0.6, 2.0], [0.5, -0.4, 2.0]],
+        emission=5.0,
+        dtype=torch.float64,
+    )
+    card = scene.quad(
+        "card",
+        [[-0.3, -0.2, 1.5], [0.2, -0.3, 1.5], [0.3, 0.3, 1.6], [-0.2, 0.4, 1.6]],
+        dtype=torch.float64,
+    )
+    camera = camera_above(1.2)
+    settings = replace(FAST, bounces=0, supersampling=1)
+
+    def mean(shift: Tensor) -> Tensor:
+        moved = replace(card, vertices=card.vertices + shift)
+        made = scene.Scene((floor(), panel, moved))
+        return render.render_scene(made, camera, settings).radiance[::3, ::3].mean()
+
+    shift = torch.zeros(3, dtype=torch.float64, requires_grad=True)
+    (found,) = torch.autograd.grad(mean(shift), shift)
+    step = 1e-5 * torch.eye(3, dtype=torch.float64)
+    expected = torch.stack([(mean(s) - mean(-s)) / 2e-5 for s in step]).detach()
+    assert expected.abs().max() > 1e-3
+    assert_close(found, expected, rtol=1e-5, atol=1e-7)

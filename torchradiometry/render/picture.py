@@ -111,8 +111,9 @@ def render_scene(
         EmptySceneError: no triangle.
         ResourceLimitError: more patches than the budget allows.
 
-    Differentiable in: albedo, emission, textures and the sources' parameters (positions of
-        vertices only through the light on unshadowed points; visibility is detached).
+    Differentiable in: albedo, emission, textures, the sources' parameters, and vertices as far as
+        direct light goes: shadows of emitting faces move with them where they are clipped (behind
+        few faces), those found by rays and the outlines that the camera sees do not.
     Export: no.
     """
     return develop(view_scene(scene, camera, settings), scene)

@@ -127,10 +127,10 @@ def prepare(scene: Scene, settings: RenderSettings) -> World:
     return World(scene, triangles, normal, faces, emitters, blockers, rays, reason)
 
 
-@torch.no_grad()
 def _blockers(
     corners: Float[Tensor, "triangle 3 3"], emitters: int, tolerance: float
 ) -> Float[Tensor, "blocker 4 3"] | None:
+    """Differentiable in corners: where few faces block, shadows move with them."""
     if len(corners) > LARGE:
         return None
     found = corners[possible_blockers(corners, corners.reshape(-1, 3), tolerance)]
