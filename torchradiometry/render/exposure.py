@@ -4,7 +4,8 @@ From points of every patch rays go out over its hemisphere. A ray that meets the
 a one-sided face has met the inside of a body. A point all of whose rays do so is buried (the
 floor under a box): it neither sends nor receives, and the patch's exposed area shrinks. A
 patch is enclosed if all rays of its free points meet fronts: what leaves it, arrives at other
-patches, and its row of form factors sums to 1.
+patches, and its row of form factors sums to 1. Few rays show that a room is closed; as soon as one
+of them leaves the scene, all points look more closely.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Exposure", "exposure_of"]
 
-#: points of a patch, and rays from each
-POINTS, RAYS = 16, 12
+#: points of a patch
+POINTS = 16
+#: rays from each point, and more where one of the first met a back, or where any met nothing
+FIRST, MORE = 4, 8
 #: patches that are sampled at a time
 BLOCK = 2**11
 
@@ -76,12 +79,27 @@ def _probe(
     point = sample_patches(patches.corners.unsqueeze(1), where)
     turn = torch.rand(count * POINTS, 1, 2, generator=generator, dtype=torch.float64).to(like)
     n = normal.repeat_interleave(POINTS, 0)
-    direction = cosine_directions((sequence(RAYS, 2, like) + turn).frac(), n)
-    start = world.rays.lift(point.reshape(-1, 3), n).unsqueeze(1).expand_as(direction)
+    place = (sequence(FIRST + MORE, 2, like) + turn).frac()
+    start = world.rays.lift(point.reshape(-1, 3), n)
+    seen = _looked(world, start, n, place[:, :FIRST])
+    again = torch.nonzero(seen[1] | seen[2].any()).squeeze(-1)
+    seen[:, again] |= _looked(world, start[again], n[again], place[again, FIRST:])
+    front, back, nothing = seen.reshape(3, count, POINTS)
+    return point, back & ~front & ~nothing, ~back & ~nothing
+
+
+def _looked(
+    world: World,
+    start: Float[Tensor, "point 3"],
+    normal: Float[Tensor, "point 3"],
+    where: Float[Tensor, "point ray 2"],
+) -> Bool[Tensor, "3 point"]:
+    """Whether any ray of a point meets a front, a black back, or nothing."""
+    direction = cosine_directions(where, normal)
+    start = start.unsqueeze(1).expand_as(direction)
     hits = world.rays.closest(start.reshape(-1, 3), direction.reshape(-1, 3))
     triangle = hits.triangle.clamp(min=0)
     towards = (world.normal[triangle] * direction.reshape(-1, 3)).sum(-1) < 0
-    front = hits.found & (towards | world.triangles.two_sided[triangle])
-    front, found = (t.reshape(count, POINTS, RAYS) for t in (front, hits.found))
-    buried = (found & ~front).all(-1)
-    return point, buried, front.all(-1)
+    front = towards | world.triangles.two_sided[triangle]
+    kinds = torch.stack((hits.found & front, hits.found & ~front, ~hits.found))
+    return kinds.reshape(3, *where.shape[:2]).any(-1)

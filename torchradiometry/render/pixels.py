@@ -2,9 +2,10 @@
 
     L(pixel) = mean over its rays of L
 
-Every pixel is seen through its middle first. Where that surface is textured, or direct light
-differs by more than `JUMP` from that of a neighbour, the pixel gets s x s rays instead, one at a
-random place in each of s x s parts. Where it and a neighbour do not lie on one smooth surface,
+Every pixel is seen through its middle first, which is the mean of a pixel whose light is
+linear. Where that surface is textured, or direct light departs from linear between two opposite
+neighbours by more than `JUMP`, the pixel gets s x s rays instead, one at a random place in each
+of s x s parts. Where it and a neighbour do not lie on one smooth surface,
 2s x 2s rays find out which share of the pixel each face covers (4s x 4s at the edge of an
 emitter, which outshines everything), and light is evaluated once for each face, in the middle
 of what the pixel shows of it.
@@ -30,8 +31,10 @@ __all__ = ["Samples", "camera_samples"]
 
 #: camera rays that are followed at a time
 BLOCK = 2**16
-#: relative difference of direct light between neighbours that calls for more rays
+#: second difference of direct light, relative to the largest of three, that calls for more rays
 JUMP = 0.125
+#: light is compared with no less than this share of its mean in the picture
+DIM = 0.1
 #: cosine of normals, and slope out of the plane, up to which neighbours lie on one surface
 BEND, STEP = 0.98, 0.2
 #: rays along each side of a pixel with an edge, of bodies and of emitters, per `supersampling`
@@ -146,7 +149,7 @@ class _Changes(NamedTuple):
     """Pixels that one ray does not show.
 
     Attributes:
-        light: textured, or direct light differs from a neighbour's.
+        light: textured, or direct light bends.
         edge: not on one smooth surface with all neighbours.
         bright: the same, and one of the two emits.
     """
@@ -174,16 +177,20 @@ def _changes(world: World, camera: AbstractCamera, found: Samples) -> _Changes:
     grid = empty.index_copy(0, found.pixel, grid).reshape(camera.height, camera.width, -1)
     painted = torch.tensor([s.texture is not None for s in world.scene.surfaces])
     kind = grid[..., 0].long()
-    changes = [painted.to(kind.device)[kind.clamp(min=0)] & (kind >= 0)]
-    changes += [torch.zeros_like(changes[0]) for _ in range(2)]
-    sizes = (1, 1, light.shape[-1], 3, 3)
+    light = painted.to(kind.device)[kind.clamp(min=0)] & (kind >= 0)
+    edge, bright = torch.zeros_like(light), torch.zeros_like(light)
+    sizes = (1, 1, grid.shape[-1] - 8, 3, 3)
     for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
         back = (-step[0], -step[1])
         here, there = (_shifted(grid, s).split(sizes, -1) for s in (step, back))
-        for all_, some in zip(changes, _differ(here, there), strict=True):
-            _shifted(all_, step).logical_or_(some)
-            _shifted(all_, back).logical_or_(some)
-    return _Changes(*(c.reshape(-1) for c in changes))
+        found_edge, found_bright = _edges(here, there)
+        beside = torch.zeros_like(edge)
+        for way in (step, back):
+            _shifted(beside, way).logical_or_(found_edge)
+            _shifted(bright, way).logical_or_(found_bright)
+        edge |= beside
+        light |= _bends(grid[..., 2:-6], step) & ~beside
+    return _Changes(*(c.reshape(-1) for c in (light, edge, bright)))
 
 
 def _shifted(grid: Tensor, step: tuple[int, int]) -> Tensor:
@@ -194,14 +201,27 @@ def _shifted(grid: Tensor, step: tuple[int, int]) -> Tensor:
     return grid
 
 
-def _differ(
+def _edges(
     here: tuple[Tensor, ...], there: tuple[Tensor, ...]
-) -> tuple[Bool[Tensor, "row column"], ...]:
-    """Where neighbours differ in their light, in their surface, and next to an emitter."""
+) -> tuple[Bool[Tensor, "row column"], Bool[Tensor, "row column"]]:
+    """Where neighbours do not lie on one smooth surface, and where one of them emits besides."""
     offset = there[3] - here[3]
     step = (offset * here[4]).sum(-1).abs() > STEP * offset.norm(dim=-1)
     bend = (here[4] * there[4]).sum(-1) < BEND
     edge = (here[0] != there[0]).squeeze(-1) | bend | step
-    larger = torch.maximum(here[2].abs(), there[2].abs())
-    jump = ((here[2] - there[2]).abs() > JUMP * larger).any(-1) & ~edge
-    return jump, edge, edge & ((here[1] > 0) | (there[1] > 0)).squeeze(-1)
+    return edge, edge & ((here[1] > 0) | (there[1] > 0)).squeeze(-1)
+
+
+def _bends(
+    light: Float[Tensor, "row column light"], step: tuple[int, int]
+) -> Bool[Tensor, "row column"]:
+    """Where light is not linear between two opposite neighbours; the border repeats itself."""
+    padded = torch.nn.functional.pad(light.movedim(-1, 0), (1, 1, 1, 1), "replicate")
+    size = light.shape[:2]
+    before, after = (
+        padded[:, 1 + s * step[0] :, 1 + s * step[1] :][:, : size[0], : size[1]].movedim(0, -1)
+        for s in (-1, 1)
+    )
+    floor = DIM * light.clamp(min=0).mean((0, 1))
+    larger = torch.maximum(torch.maximum(before, after), torch.maximum(light, floor))
+    return ((before - 2 * light + after).abs() > JUMP * larger).any(-1)
