@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.geometry.directions import local_frame
+from torchradiometry.geometry.patches import Patches, vector_area
 from torchradiometry.geometry.polygon_irradiance import polygon_irradiance
 from torchradiometry.numerics import guarded_divide, safe_normalize
 from torchradiometry.render.points import Receivers
@@ -70,13 +71,30 @@ def emitter_weights(
     blocks = []
     for part in points.split(max(1, BLOCK // len(emitters.corners))):
         pairs = (part.position.unsqueeze(1), part.normal.unsqueeze(1), emitters.corners)
-        if settings.shadow_samples > 0 and world.blockers is not None:
+        exact = settings.penumbra and settings.extent and world.blockers is not None
+        if settings.shadow_samples > 0 and exact:
             seen = visible_irradiance(*pairs, world.blockers, margin=world.rays.tolerance)
         else:
-            seen = polygon_irradiance(*pairs)
+            seen = (polygon_irradiance if settings.extent else small_source_irradiance)(*pairs)
             seen = seen * _visible_share(world, settings, seen, part, generator)
         blocks.append(seen @ emitters.member)
     return torch.cat(blocks)
+
+
+def small_source_irradiance(
+    position: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+    polygon: Float[Tensor, "*batch corner 3"],
+) -> Float[Tensor, "*batch"]:
+    """A cos cos / r^2 to the middle of a polygon of unit radiance; arguments as of the exact one.
+
+    It is what `polygon_irradiance` tends to far away, and off by about (size / r)^2.
+    """
+    middle, area = Patches(polygon).centroid, vector_area(polygon)
+    ray = middle - position
+    square = (ray * ray).sum(-1)
+    here, there = (ray * normal).sum(-1).clamp(min=0), (-ray * area).sum(-1).clamp(min=0)
+    return guarded_divide(here * there, square * square)
 
 
 @torch.no_grad()
@@ -93,6 +111,11 @@ def _visible_share(
     point, polygon = torch.nonzero(unblocked > 0, as_tuple=True)
     if samples == 0 or len(point) == 0:
         return share
+    if not (settings.penumbra and settings.extent):
+        near, far = points.take(point), world.emitters.corners[polygon]
+        target = world.rays.lift(Patches(far).centroid, Patches(far).normal)
+        free = world.rays.visible(world.rays.lift(near.position, near.facet), target)
+        return share.index_put((point, polygon), free.to(share))
     shift = torch.rand(len(point), 2, generator=generator, dtype=torch.float64).to(unblocked)
     where = sequence(4 * samples, 2, unblocked)
 
@@ -135,8 +158,9 @@ def lamp_irradiance(
     """
     total = points.position.new_zeros(len(points.position), world.scene.channels)
     sky = None
+    middle = points._replace(position=world.middle.expand_as(points.position))
     for source in world.scene.sources:
-        arrival = _arrival(source, points)
+        arrival = _arrival(source, points) if settings.near else _distant(_arrival(source, middle))
         if source.has_direction:
             seen = _lamp_visibility(world.rays, settings, arrival, points)
         else:
@@ -151,6 +175,11 @@ def _arrival(source: AbstractSource, points: Receivers) -> Arrival:
     """In float64, also where the source's own parameters are float32."""
     found = source(points.position if source.needs_position else None, points.normal)
     return Arrival(*(t.to(points.position) for t in found))
+
+
+def _distant(arrival: Arrival) -> Arrival:
+    """The same light from infinitely far away."""
+    return arrival._replace(distance=torch.full_like(arrival.distance, torch.inf))
 
 
 @torch.no_grad()

@@ -262,12 +262,21 @@ def solve_exchange(
     """
     albedo = triangles.albedo[exchange.triangle].to(torch.float64)
     exitance = math.pi * triangles.emission[exchange.triangle].to(torch.float64)
-    first = albedo * (exchange.lamps + exchange.weights @ world.glow(triangles))
+    direct = exchange.lamps + exchange.weights @ world.glow(triangles)
+    weight = exchange.patches.area.detach() * exchange.exposure.share
     solver = Neumann(max(settings.bounces - 1, 0), settings.ambient_tail)
     operator = exchange.operator
-    solution = RadiosityShading(operator, solver).solution(albedo, first)
-    irradiance = operator(solution.radiosity)
-    weight = exchange.patches.area.detach() * exchange.exposure.share
+    if settings.colour_bleeding:
+        solution = RadiosityShading(operator, solver).solution(albedo, albedo * direct)
+        irradiance = operator(solution.radiosity)
+    else:
+        grey, light = (t.mean(-1, keepdim=True) for t in (albedo, direct))
+        solution = RadiosityShading(operator, solver).solution(grey, grey * light)
+        colour = guarded_divide(weight @ direct, weight @ light)
+        irradiance = operator(solution.radiosity) * colour
+        solution = solution._replace(
+            radiosity=solution.radiosity * colour, bound=solution.bound * colour
+        )
     values = vertex_values(irradiance, weight, exchange.welding)
     return Indirect(exchange, values, albedo, exitance, solution, irradiance)
 

@@ -26,6 +26,11 @@ from torch import Tensor
 from torchradiometry.errors import ResourceLimitError, ShapeError
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.render.adaptive import adaptive_exchange
+from torchradiometry.render.ambient import (
+    AmbientExchange,
+    ambient_exchange,
+    ambient_irradiance,
+)
 from torchradiometry.render.gather import gather_weights
 from torchradiometry.render.indirect import Exchange, Indirect, indirect_at, solve_exchange
 from torchradiometry.render.pixels import Samples, camera_samples
@@ -83,6 +88,7 @@ class View(NamedTuple):
         settings: how it was made.
         samples: what camera rays meet, and the direct light there.
         exchange: patches and form factors; None without bounces.
+        ambient: what stands in for reflected light; None if that is solved for, or left out.
         gathered: share of each patch's radiosity that arrives at each ray; None if reflected
             light is interpolated.
         seconds: wall time of each stage.
@@ -93,6 +99,7 @@ class View(NamedTuple):
     settings: RenderSettings
     samples: Samples
     exchange: Exchange | None
+    ambient: AmbientExchange | None
     gathered: Float[Tensor, "ray patch"] | None
     seconds: dict[str, float]
 
@@ -135,12 +142,15 @@ def view_scene(
     exchange = None
     if settings.bounces > 0:
         exchange = adaptive_exchange(world, settings, samples.points)
+    ambient = None
+    if settings.ambient and settings.bounces == 0:
+        ambient = ambient_exchange(world, settings)
     gathered = _gather(world, exchange, samples, settings)
     clock.append(time.perf_counter())
     names = ("prepare", "direct", "indirect")
     seconds = {n: b - a for n, a, b in zip(names, clock[:-1], clock[1:], strict=True)}
     size = (camera.height, camera.width)
-    return View(world, size, settings, samples, exchange, gathered, seconds)
+    return View(world, size, settings, samples, exchange, ambient, gathered, seconds)
 
 
 def _gather(
@@ -215,6 +225,8 @@ def _shade(
         irradiance = irradiance + view.gathered @ indirect.solution.radiosity
     elif indirect is not None:
         irradiance = irradiance + indirect_at(indirect, points.face, points.on_face(view.world))
+    if view.ambient is not None:
+        irradiance = irradiance + ambient_irradiance(view.world, view.ambient, triangles)
     albedo = scene.albedo_at(points.triangle, points.barycentric).to(irradiance)
     emitted = triangles.emission[points.triangle].to(irradiance)
     radiance = (emitted + albedo * irradiance / math.pi) * view.samples.share.unsqueeze(-1)

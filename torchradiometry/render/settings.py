@@ -27,6 +27,16 @@ class RenderSettings:
             times as many at the edge of an emitter. Other pixels get one ray.
         shadow_samples: shadow rays to each emitting polygon, >= 1; four times as many in
             penumbras; none are needed behind a few blockers. 0 draws no shadows at all.
+        penumbra: False lets a point see all or nothing of an emitting polygon, by one ray to
+            its middle.
+        extent: False takes emitting polygons for small ones: all their light comes from their
+            middle.
+        near: False takes lamps for distant ones: every point receives what the middle of the
+            scene receives.
+        ambient: with 0 bounces, light that arrives everywhere alike stands in for reflected
+            light, calibrated by what the surfaces receive and how much they see of each other.
+        colour_bleeding: False reflects with grey albedos: reflected light has the colour of
+            the sources.
         pair_samples: shadow segments between two patches; four times as many in penumbras.
         gather: gather reflected light at every camera ray from all patches instead of
             interpolating it: sharper at contacts, and slow.
@@ -42,6 +52,11 @@ class RenderSettings:
     patch_error: float | None = None
     supersampling: int = 2
     shadow_samples: int = 4
+    penumbra: bool = True
+    extent: bool = True
+    near: bool = True
+    ambient: bool = False
+    colour_bleeding: bool = True
     pair_samples: int = 4
     gather: bool = False
     sky_samples: int = 32

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import MissingDependencyError
-from torchradiometry.numerics import safe_norm, safe_normalize
+from torchradiometry.numerics import guarded_divide, safe_norm, safe_normalize
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene, Triangles
 from torchradiometry.transport.blockers import convex_blockers, possible_blockers
@@ -95,6 +95,14 @@ class World(NamedTuple):
     blockers: Float[Tensor, "blocker 4 3"] | None
     rays: AbstractRayCaster
     reason: str
+
+    @property
+    def middle(self) -> Float[Tensor, "3"]:
+        """Centroid of the surfaces, m."""
+        a, b, c = self.triangles.corners.unbind(1)
+        area = torch.linalg.cross(b - a, c - a).norm(dim=-1)
+        whole = ((a + b + c) / 3 * area.unsqueeze(-1)).sum(0)
+        return guarded_divide(whole, area.sum())
 
     def glow(self, triangles: Triangles) -> Float[Tensor, "emitter channel"]:
         """Radiance of the emitters, W/m2/sr, in float64.
