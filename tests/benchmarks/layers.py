@@ -2,7 +2,8 @@
 
 Baselines in the same run: copying the bytes that a layer reads and writes, and the same formula
 written out in plain PyTorch. Median and spread (interquartile range) of repeats, in ms; forward
-without gradients, and forward with backward to every input.
+without gradients, and forward with backward to every input. With --accuracy instead: the worst
+relative error of the highlight in float32, of the layer and of the plain formula.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from torch import Tensor
 from torchradiometry import DirectionalSource, LambertianShading, NormalizedPhong, PhongShading
 
 SIZE = (8, 512, 512)
+EXPONENTS = (10.0, 40.0, 1e3, 1e6)
+#: share of its peak down to which a lobe is compared, and normals that are drawn
+DIMMEST, NORMALS = 1e-3, 200_000
 
 
 def measured(call: Callable[[], object], repeats: int) -> tuple[float, float]:
@@ -120,12 +124,50 @@ def rows(size: tuple[int, int, int], repeats: int) -> list[dict[str, object]]:
     return found
 
 
+def lobe_errors(shininess: float) -> dict[str, float]:
+    """Way -> worst relative error in float32 against the layer in float64, near the mirror."""
+    generator = torch.Generator().manual_seed(0)
+    light = torch.nn.functional.normalize(torch.tensor([0.3, 0.4, 0.8]), dim=0)
+    half = torch.nn.functional.normalize(light + torch.tensor([0, 0, 1.0]), dim=0)
+    around = torch.randn(1, 3, 1, NORMALS, generator=generator) / math.sqrt(shininess)
+    normal = torch.nn.functional.normalize(half.view(1, 3, 1, 1) + around, dim=1)
+    one = torch.ones(1, 1, 1, NORMALS)
+    read = (normal, 0 * one, one, shininess * one)
+
+    def layer(dtype: torch.dtype) -> Tensor:
+        sun = DirectionalSource(light.to(dtype), torch.ones(1, dtype=dtype))
+        return PhongShading(NormalizedPhong, sun)(*(t.to(dtype) for t in read))
+
+    exact = layer(torch.float64)
+    ways = {
+        "layer": layer(torch.float32),
+        "plain formula": plain_phong(*read, light, torch.ones(1)),
+    }
+    lit = exact > DIMMEST * exact.max()
+    return {
+        way: float(((found.double() - exact).abs() / exact)[lit].max())
+        for way, found in ways.items()
+    }
+
+
+def print_accuracy() -> None:
+    """A Markdown table of `lobe_errors`."""
+    print("| exponent n | layer | plain formula |\n|---|---|---|")
+    for shininess in EXPONENTS:
+        found = lobe_errors(shininess)
+        print(f"| {shininess:g} | {found['layer']:.1e} | {found['plain formula']:.1e} |")
+
+
 def main() -> None:
     """Print a Markdown table, or JSON with --json."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=21)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--accuracy", action="store_true", help="errors and not times")
     options = parser.parse_args()
+    if options.accuracy:
+        print_accuracy()
+        return
     table = rows(SIZE, options.repeats)
     if options.json:
         print(json.dumps(table))

@@ -12,7 +12,7 @@ import torch
 
 from torchradiometry import errors, files, plan, render, scene, sources
 from torchradiometry.plan import render_plan
-from torchradiometry.render.indirect import CLUSTER_ERROR
+from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
 
 UPRIGHT = ("left", "right", "top", "back", "front")
 
@@ -31,9 +31,14 @@ def ball() -> scene.Scene:
     )
 
 
-def crate() -> scene.Scene:
+def floor_and_crate() -> tuple[scene.Surface, ...]:
     body = scene.box("crate", (0.8, 0.8, 0.8), (0, 0.4, 0), turn=0.3, sides=UPRIGHT, albedo=0.7)
-    return scene.with_default_view(scene.Scene((floor(), body), (sun(),)), width=40, height=30)
+    return floor(), body
+
+
+def crate() -> scene.Scene:
+    made = scene.Scene(floor_and_crate(), (sun(),))
+    return scene.with_default_view(made, width=40, height=30)
 
 
 def room(**options: object) -> scene.Scene:
@@ -101,6 +106,49 @@ def test_what_is_left_out_has_its_reason() -> None:
     assert plan.plan_render(empty, empty.cameras[0], 0.1).shadow_samples == 0
 
 
+def many_blockers() -> scene.Scene:
+    """A room with a ball of more faces than are clipped."""
+    made = room()
+    ball = scene.sphere("ball", 0.4, (0, 1, 0), subdivisions=2)
+    return replace(made, surfaces=(*made.surfaces, ball))
+
+
+def test_the_reason_for_shadows_is_what_the_renderer_does() -> None:
+    clipped, sampled = SCENES["cornell"](), many_blockers()
+    found = plan.plan_render(clipped, clipped.cameras[0], 0.1)
+    assert "one ray to each lamp" in found.reasons["shadows"]
+    assert "clipped" in found.reasons["shadows"]
+    assert "shadows" not in found.parts
+    settings = [found.settings, replace(found.settings, shadow_samples=8)]
+    one, eight = (render.render_scene(clipped, clipped.cameras[0], s) for s in settings)
+    assert torch.equal(one.radiance, eight.radiance)
+    assert render.prepare(sampled, settings[0]).blockers is None
+    found = plan.plan_render(sampled, sampled.cameras[0], 0.1)
+    rays = f"{found.shadow_samples} rays to each shining polygon, {4 * found.shadow_samples} in"
+    assert rays in found.reasons["shadows"]
+    assert "lamp" not in found.reasons["shadows"]
+    assert found.parts["shadows"] > 0
+    sky = scene.Scene(floor_and_crate(), (sources.AmbientDome([1.0]),))
+    found = plan.plan_render(sky, clipped.cameras[0], 0.1)
+    assert f"{found.settings.sky_samples} rays to the sky" in found.reasons["shadows"]
+
+
+def test_the_reason_for_supersampling_is_what_the_renderer_does() -> None:
+    made, lit = crate(), SCENES["cornell"]()
+    told = plan.plan_render(made, made.cameras[0], 0.1)
+    side = told.supersampling
+    assert f"{side} x {side} where light bends" in told.reasons["supersampling"]
+    assert f"{2 * side} x {2 * side} at edges" in told.reasons["supersampling"]
+    assert "shining" not in told.reasons["supersampling"]
+    told = plan.plan_render(lit, lit.cameras[0], 0.1)
+    side = told.supersampling
+    assert f"{4 * side} x {4 * side} at edges of shining faces" in told.reasons["supersampling"]
+    large = replace(made.cameras[0], width=4096, height=4096)
+    told = plan.plan_render(made, large, 0.3)
+    assert told.supersampling == 1
+    assert told.reasons["supersampling"] == "one ray a pixel"
+
+
 def test_a_looser_tolerance_never_asks_for_more() -> None:
     made = SCENES["cornell"]()
     plans = [plan.plan_render(made, made.cameras[0], t) for t in (0.02, 0.05, 0.1, 0.3)]
@@ -143,6 +191,7 @@ def test_render_file(tmp_path: Path, ending: str) -> None:
     out = tmp_path / f"picture{ending}"
     report = plan.render_file(tmp_path / "crate.glb", out, width=16, height=12, tolerance=0.3)
     assert {"out", "seconds", "plan", "predicted_error"} <= set(json.loads(json.dumps(report)))
+    assert report["operator"] == f"a matrix: {report['patches']} patches, at most {MOST_DENSE}"
     pixels = files.read_picture(out)
     assert pixels.shape == (12, 16, 3)
     assert np.isfinite(pixels).all()

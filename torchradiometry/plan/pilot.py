@@ -17,20 +17,24 @@ import torch
 
 from torchradiometry.render.direct import cosine_directions
 from torchradiometry.render.settings import RenderSettings
-from torchradiometry.render.world import prepare
+from torchradiometry.render.world import World, prepare
 from torchradiometry.scene.scene import Scene
 
-__all__ = ["mutual_view", "reflected_share"]
+__all__ = ["mutual_view", "reflected_share", "view_in"]
 
 #: points on the surfaces and rays from each
 POINTS, RAYS = 512, 16
 MARGIN = 2.0
 
 
-@torch.no_grad()
 def mutual_view(scene: Scene, seed: int = 0) -> float:
     """h: how much the surfaces of a scene see of each other, 0..1."""
-    world = prepare(scene, RenderSettings())
+    return view_in(prepare(scene, RenderSettings()), seed)
+
+
+@torch.no_grad()
+def view_in(world: World, seed: int = 0) -> float:
+    """`mutual_view` of a prepared scene."""
     generator = torch.Generator().manual_seed(seed)
     corners = world.triangles.corners
     a, b, c = corners.unbind(1)

@@ -38,8 +38,9 @@ def render_file(
         tolerance: relative L1 error of the picture, 0 < tolerance < 1.
 
     Returns:
-        `out`, `seconds`, `predicted_error`, `plan`, `stages`, `patches`, `rays` and `warnings`
-        (faults of the scene that a picture survives), ready for JSON.
+        `out`, `seconds`, `predicted_error`, `plan`, `stages`, `patches`, `operator` (matrix or
+        tree of clusters, and why), `rays` (which caster, and why) and `warnings` (faults of the
+        scene that a picture survives), ready for JSON.
 
     Raises:
         InputFileError, FileFormatError: the scene cannot be read, or the ending of `out` is
@@ -55,7 +56,7 @@ def render_file(
     plan = plan_render(loaded, camera, tolerance)
     with torch.no_grad():
         picture = render_scene(loaded, camera, plan.settings)
-    pixels = picture.radiance
+    pixels, indirect = picture.radiance, picture.indirect
     write_picture(out, pixels.expand(*pixels.shape[:2], 3).cpu().numpy())
     return {
         "out": str(out),
@@ -64,6 +65,7 @@ def render_file(
         "plan": plan.to_dict(),
         "stages": picture.seconds,
         "patches": picture.patches,
+        "operator": indirect.exchange.reason if indirect else "none: no interreflection",
         "rays": picture.rays,
         "warnings": [str(fault) for fault in slight],
     }

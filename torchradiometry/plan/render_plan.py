@@ -5,16 +5,17 @@ The relative L1 error of a picture is budgeted over these causes, each with its 
     bounces       q^(k+1),                 q = largest albedo, k bounces (0 on convex bodies)
     patches       C_p i h / R              h patch edge, R half diagonal, i indirect share
     clusters      C_c                      where a tree of clusters stands for the matrix
-    shadows       C_s / S                  S shadow rays to an emitting face
-    edges         C_a / (s^(3/2) n)        s^2 rays a pixel, n pixels along the shorter side
+    shadows       C_s / S                  S shadow rays to an emitting face; 0 where clipped
+    edges         C_a / (s^(3/2) n)        s^2 rays in pixels that change, n pixels along
+                                           the shorter side
 
 The first is a bound: in a scene whose patches reflect at most q, what is left after k bounces
 is at most q^(k+1) of all light. The others are estimates; their constants were measured
 against finer pictures of rooms and bodies and then raised to the largest value found times a
 margin (see docs/plan.md). An effect is included only if the scene calls for it: no shadow rays
-on a convex body, no area sampling without a shining face, no patches where no face can see
-another, where nothing reflects, or where a mesh has so many faces that its tree of clusters
-would take longer than `MOST_SECONDS`.
+on a convex body, no area sampling without a shining face or where the renderer clips the shadows
+of few blockers, no patches where no face can see another, where nothing reflects, or where a
+mesh has so many faces that its tree of clusters would take longer than `MOST_SECONDS`.
 """
 
 from __future__ import annotations
@@ -28,9 +29,11 @@ from torch import Tensor
 
 from torchradiometry.errors import EmptySceneError, OutOfRangeError
 from torchradiometry.geometry.cameras import AbstractCamera
-from torchradiometry.plan.pilot import mutual_view, reflected_share
+from torchradiometry.plan.pilot import reflected_share, view_in
 from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
+from torchradiometry.render.pixels import EDGE, EMITTER
 from torchradiometry.render.settings import RenderSettings
+from torchradiometry.render.world import prepare
 from torchradiometry.scene.scene import Scene, Triangles
 from torchradiometry.transport.rays import RELATIVE_TOLERANCE
 from torchradiometry.transport.visibility import possible_blockers
@@ -95,12 +98,24 @@ class _Analysis(NamedTuple):
     scale: float
     albedo: float
     blockers: bool
+    clipped: bool
     convex_body: bool
     emitters: int
     lamps: int
+    sky: bool
     faces: int
     reflected: float
     textured: bool
+
+    @property
+    def sources(self) -> bool:
+        """There is light that no face emits."""
+        return self.lamps > 0 or self.sky
+
+    @property
+    def shines(self) -> bool:
+        """There is light at all."""
+        return self.emitters > 0 or self.sources
 
 
 def plan_render(scene: Scene, camera: AbstractCamera, tolerance: float) -> RenderPlan:
@@ -145,16 +160,19 @@ def _analyse(scene: Scene) -> _Analysis:
     emits = (triangles.emission > 0).any(-1)
     albedo = float(triangles.albedo.max())
     convex = _is_convex_body(triangles, points, margin)
+    world = None if convex else prepare(scene, RenderSettings())
     return _Analysis(
         float(triangles.patches.area.sum()),
         scale,
         albedo,
         _anything_blocks(triangles.corners, points, margin),
+        world is not None and world.blockers is not None,
         convex,
         int(emits.sum()),
-        len(scene.sources),
+        sum(source.has_direction for source in scene.sources),
+        any(not source.has_direction for source in scene.sources),
         len(emits) + int(triangles.two_sided.sum()),
-        0.0 if convex else reflected_share(albedo, mutual_view(scene)),
+        0.0 if world is None else reflected_share(albedo, view_in(world)),
         any(surface.texture is not None for surface in scene.surfaces),
     )
 
@@ -186,7 +204,7 @@ def _plan_bounces(
     if found.albedo <= 0:
         reasons["interreflection"] = "left out: nothing reflects"
         return 0
-    if found.emitters == 0 and found.lamps == 0:
+    if not found.shines:
         reasons["interreflection"] = "left out: nothing shines"
         return 0
     seconds = found.faces * FACE_SECONDS
@@ -231,7 +249,10 @@ def _plan_patches(
     smallest = math.sqrt(4 * found.area / MOST_PATCHES)
     size = min(max(wanted, smallest), found.scale / 3)
     parts["patches"] = PATCH_ERROR * share * size / found.scale
-    why = "as the tolerance asks" if wanted >= smallest else f"at most {MOST_PATCHES} patches"
+    why = "as the tolerance asks"
+    if size != wanted:
+        limit = f"at most {MOST_PATCHES} patches"
+        why = limit if size > wanted else "a third of the half diagonal is enough"
     reasons["patches"] = f"edges up to {size:.3g} m: {why}"
     count = round(max(found.faces, 4 * found.area / size**2))
     if count > MOST_DENSE:
@@ -243,19 +264,27 @@ def _plan_patches(
 def _plan_shadows(
     found: _Analysis, tolerance: float, parts: dict[str, float], reasons: dict[str, str]
 ) -> int:
-    if found.emitters == 0 and found.lamps == 0:
+    if not found.shines:
         reasons["shadows"] = "left out: nothing shines"
         return 0
-    if found.convex_body or not (found.blockers or found.lamps):
+    if found.convex_body or not (found.blockers or found.sources):
         reasons["shadows"] = "left out: no face can come between two points of the scene"
         return 0
+    told = ["one ray to each lamp"] * (found.lamps > 0)
+    told += [f"{RenderSettings().sky_samples} rays to the sky"] * found.sky
+    samples = 1
     if found.emitters == 0:
-        reasons["shadows"] = "one ray to each lamp; no face shines, so no area is sampled"
-        return 1
-    wanted = math.ceil(SHADOW_ERROR / (0.25 * tolerance))
-    samples = max(2, min(wanted, MOST_SHADOWS))
-    parts["shadows"] = SHADOW_ERROR / samples
-    reasons["shadows"] = f"{samples} rays to each shining face, four times as many in penumbras"
+        told += ["no face shines, so no area is sampled"]
+    elif not found.blockers:
+        told += ["nothing hides a shining face"]
+    elif found.clipped:
+        told += ["few faces block, so the visible parts of shining ones are clipped, not sampled"]
+    else:
+        wanted = math.ceil(SHADOW_ERROR / (0.25 * tolerance))
+        samples = max(2, min(wanted, MOST_SHADOWS))
+        parts["shadows"] = SHADOW_ERROR / samples
+        told += [f"{samples} rays to each shining polygon, {4 * samples} in penumbras"]
+    reasons["shadows"] = "; ".join(told)
     return samples
 
 
@@ -267,10 +296,20 @@ def _plan_edges(
     reasons: dict[str, str],
 ) -> int:
     pixels = min(camera.width, camera.height)
-    edge_error = EDGE_ERROR * (HARD_SHADOWS if found.lamps and not found.convex_body else 1)
+    edge_error = EDGE_ERROR * (HARD_SHADOWS if found.sources and not found.convex_body else 1)
     edge_error *= TEXTURES if found.textured else 1
     wanted = (edge_error / (0.25 * tolerance * pixels)) ** (2 / 3)
     side = max(1, min(math.ceil(wanted), MOST_SUPERSAMPLING))
     parts["edges"] = edge_error / (side**1.5 * pixels)
-    reasons["supersampling"] = f"{side} x {side} rays a pixel for edges and textures"
+    reasons["supersampling"] = _rays_a_pixel(found, side)
     return side
+
+
+def _rays_a_pixel(found: _Analysis, side: int) -> str:
+    if side == 1:
+        return "one ray a pixel"
+    bends = "on textures and where light bends" if found.textured else "where light bends"
+    places = {side: bends, EDGE * side: "at edges"}
+    if found.emitters:
+        places[EMITTER * side] = "at edges of shining faces"
+    return ", ".join(["one ray a pixel", *(f"{n} x {n} {where}" for n, where in places.items())])

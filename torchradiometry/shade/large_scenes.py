@@ -2,8 +2,8 @@
 
     patches, blockers -> links between clusters (transport) -> F as a product (solve)
 
-What `form_factors` does for some thousand patches, for a million: unoccluded exchange,
-visibility, closing. Time and memory grow about in proportion to the number of patches.
+What `form_factors` does for some thousand patches, for many: unoccluded exchange, visibility,
+closing. Measured up to 300,000 patches (`python -m tests.benchmarks.scale --larger`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def hierarchical_operator(
     budget: int = 2**33,
     seed: int = 0,
 ) -> HierarchicalOperator:
-    """F of one-sided patches as an operator for the solvers, for up to about a million patches.
+    """F of one-sided patches as an operator for the solvers, for up to 300,000 patches.
 
     Args:
         patches: triangles or planar convex quads, m.

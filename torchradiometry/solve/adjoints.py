@@ -48,7 +48,7 @@ __all__ = ["AbstractAdjoint", "Implicit", "Truncated", "Unrolled"]
 
 
 @dataclass
-class _Solves:
+class Solves:
     """P and its transpose, and whether a graph of the gradient was ever asked for."""
 
     onward: Callable[[Tensor], Tensor]
@@ -109,9 +109,44 @@ class Unrolled(AbstractAdjoint):
         return solver.solve(operator, albedo, exitance)
 
 
+class AbstractTransposed(AbstractAdjoint):
+    """By the transposed system, whatever way it is solved."""
+
+    @abstractmethod
+    def solves(
+        self,
+        solver: AbstractSolver,
+        operator: AbstractOperator,
+        albedo: Float[Tensor, "*batch patch channel"],
+    ) -> Solves:
+        """P and its transpose; the albedo is detached."""
+
+    def solve(
+        self,
+        solver: AbstractSolver,
+        operator: AbstractOperator | Tensor,
+        albedo: Tensor,
+        exitance: Tensor,
+    ) -> Solution:
+        """The solution, computed without a graph, with the gradients of the exact one."""
+        operator = as_operator(operator)
+        with torch.no_grad():
+            found = solver.solve(operator, albedo, exitance)
+        if torch.compiler.is_compiling() or not torch.is_grad_enabled():
+            return found
+        solves = self.solves(solver, operator, albedo.detach())
+        albedo, exitance = broadcast(operator, albedo, exitance)
+        radiosity = found.radiosity
+        for _ in range(2):
+            radiosity = _FirstOrderStop.apply(radiosity, solves)
+            following = exitance + reflected(operator, albedo, radiosity)
+            radiosity = _NewtonStep.apply(following, radiosity, solves)
+        return found._replace(radiosity=radiosity)
+
+
 @final
 @dataclass(frozen=True)
-class Implicit(AbstractAdjoint):
+class Implicit(AbstractTransposed):
     """Through one solve of the transposed system; twice differentiable.
 
     Args:
@@ -125,28 +160,17 @@ class Implicit(AbstractAdjoint):
 
     solver: AbstractSolver | None = None
 
-    def solve(
-        self,
-        solver: AbstractSolver,
-        operator: AbstractOperator | Tensor,
-        albedo: Tensor,
-        exitance: Tensor,
-    ) -> Solution:
-        operator = as_operator(operator)
-        other, rho = self.solver or solver, albedo.detach()
-
-        def onward(residual: Tensor) -> Tensor:
-            return other.radiosity(operator, rho, residual)
-
-        def backward(gradient: Tensor) -> Tensor:
-            return _transposed_solution(other, operator, rho, gradient)
-
-        return _attached(solver, operator, albedo, exitance, _Solves(onward, backward))
+    def solves(self, solver: AbstractSolver, operator: AbstractOperator, albedo: Tensor) -> Solves:
+        solver = self.solver or solver
+        return Solves(
+            lambda residual: solver.radiosity(operator, albedo, residual),
+            lambda gradient: _transposed_solution(solver, operator, albedo, gradient),
+        )
 
 
 @final
 @dataclass(frozen=True)
-class Truncated(AbstractAdjoint):
+class Truncated(AbstractTransposed):
     """Through a few bounces of the transposed system; its cost and error are fixed.
 
     Args:
@@ -161,23 +185,11 @@ class Truncated(AbstractAdjoint):
     def __post_init__(self) -> None:
         check_count("bounces", self.bounces)
 
-    def solve(
-        self,
-        solver: AbstractSolver,
-        operator: AbstractOperator | Tensor,
-        albedo: Tensor,
-        exitance: Tensor,
-    ) -> Solution:
-        operator = as_operator(operator)
-        rho = albedo.detach()
-
-        def onward(residual: Tensor) -> Tensor:
-            return self._series(residual, lambda x: reflected(operator, rho, x))
-
-        def backward(gradient: Tensor) -> Tensor:
-            return self._series(gradient, lambda x: operator.transposed(rho * x))
-
-        return _attached(solver, operator, albedo, exitance, _Solves(onward, backward))
+    def solves(self, solver: AbstractSolver, operator: AbstractOperator, albedo: Tensor) -> Solves:
+        return Solves(
+            lambda residual: self._series(residual, lambda x: reflected(operator, albedo, x)),
+            lambda gradient: self._series(gradient, lambda x: operator.transposed(albedo * x)),
+        )
 
     def _series(self, first: Tensor, product: Callable[[Tensor], Tensor]) -> Tensor:
         total = term = first
@@ -239,32 +251,11 @@ def _transposed_solution(
     return gradient + operator.exchange(solver.radiosity(operator, albedo, source))
 
 
-def _attached(
-    solver: AbstractSolver,
-    operator: AbstractOperator,
-    albedo: Tensor,
-    exitance: Tensor,
-    solves: _Solves,
-) -> Solution:
-    """The solution, computed without a graph, with the gradients of the exact one."""
-    with torch.no_grad():
-        found = solver.solve(operator, albedo, exitance)
-    if torch.compiler.is_compiling() or not torch.is_grad_enabled():
-        return found
-    albedo, exitance = broadcast(operator, albedo, exitance)
-    radiosity = found.radiosity
-    for _ in range(2):
-        radiosity = _FirstOrderStop.apply(radiosity, solves)
-        following = exitance + reflected(operator, albedo, radiosity)
-        radiosity = _NewtonStep.apply(following, radiosity, solves)
-    return found._replace(radiosity=radiosity)
-
-
 class _NewtonStep(Function):
     """x + P (M + T x - x), whose last term is 0 at the solution x."""
 
     @staticmethod
-    def forward(following: Tensor, radiosity: Tensor, solves: _Solves) -> Tensor:
+    def forward(following: Tensor, radiosity: Tensor, solves: Solves) -> Tensor:
         return radiosity.clone()
 
     @staticmethod
@@ -285,7 +276,7 @@ class _Solve(Function):
     """P g, or P^T g if transposed; linear in g, so that its own gradient is the other."""
 
     @staticmethod
-    def forward(gradient: Tensor, solves: _Solves, transposed: bool) -> Tensor:
+    def forward(gradient: Tensor, solves: Solves, transposed: bool) -> Tensor:
         with torch.no_grad():
             return (solves.backward if transposed else solves.onward)(gradient)
 
@@ -302,7 +293,7 @@ class _FirstOrderStop(Function):
     """x, whose gradient is known to be 0: dropped until a graph of the gradient is asked for."""
 
     @staticmethod
-    def forward(x: Tensor, solves: _Solves) -> Tensor:
+    def forward(x: Tensor, solves: Solves) -> Tensor:
         return x.clone()
 
     @staticmethod
