@@ -43,7 +43,7 @@ def only_inputs_remain(folder: Path, *names: str) -> bool:
     return sorted(p.name for p in folder.iterdir()) == sorted(names)
 
 
-@pytest.mark.parametrize("command", ["demo", "render", "normals", "export"])
+@pytest.mark.parametrize("command", ["demo", "render", "tradeoff", "normals", "export"])
 def test_help_shows_an_example(capsys: pytest.CaptureFixture[str], command: str) -> None:
     code, out, _ = run(capsys, command, "--help")
     assert code == 0
@@ -71,6 +71,18 @@ def test_render_writes_every_format(
     assert pixels.max() > 0
     if ending == ".npy":
         assert np.load(out).dtype == np.float32
+
+
+def test_tradeoff_writes_tables_and_plots(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    size = ("--width", 8, "--height", 6, "--repeats", 1)
+    code, stdout, _ = run(capsys, "tradeoff", "ball", *size, "--out", tmp_path / "ball", "--json")
+    assert code == 0
+    report = json.loads(stdout)
+    assert report["rows"][0]["error"] > report["rows"][-1]["error"] >= 0
+    endings = ("csv", "json", "pdf", "png")
+    assert only_inputs_remain(tmp_path / "ball", *(f"tradeoff.{e}" for e in endings))
 
 
 def test_export_list_names_inputs_with_units(capsys: pytest.CaptureFixture[str]) -> None:
@@ -158,6 +170,9 @@ def test_bad_scenes_end_in_one_sentence(
         ("render", "box.glb", "--out", "none/x.npy"),
         ("render", "box.glb", "--out", "x.npy", "--tolerance", "0"),
         ("render", "box.glb", "--out", "x.npy", "--tolerance", "nan"),
+        ("tradeoff", "missing.glb", "--out", "x"),
+        ("tradeoff", "ball", "--out", "none/x"),
+        ("tradeoff", "cornell", "--out", "box.glb"),
         ("normals", "missing", "--out", "x.npy"),
         ("normals", "empty", "--out", "x.npy"),
         ("normals", "ball/001.png", "--out", "x.npy"),

@@ -24,6 +24,21 @@ def test_local_and_global(tmp_path: Path) -> None:
     assert (tmp_path / "room.png").stat().st_size > 500
 
 
+def test_gilchrist(tmp_path: Path) -> None:
+    white, black = load("gilchrist").main(fast=True, out=tmp_path / "rooms.png").values()
+    assert black["dynamic range"] > 10 * white["dynamic range"] > 10
+    assert black["shadow depth"] > 2 * white["shadow depth"] > 0
+    assert black["sharpness"] > 5 * white["sharpness"] > 0
+    assert (tmp_path / "rooms.png").stat().st_size > 500
+
+
+def test_reflexes(tmp_path: Path) -> None:
+    found = load("reflexes").main(fast=True, out=tmp_path / "reflexes.png")
+    for measured, wanted in found.values():
+        assert measured == pytest.approx(wanted, rel=0.02, abs=0.02)
+    assert (tmp_path / "reflexes.png").stat().st_size > 500
+
+
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_every_example_has_a_test_here(path: Path) -> None:
     assert f"def test_{path.stem}" in Path(__file__).read_text()

@@ -97,6 +97,29 @@ def render(
 
 
 @app.command()
+def tradeoff(
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="glTF, GLB, a mesh, or a standard scene's name.")
+    ],
+    out: Out,
+    width: Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")] = 96,
+    height: Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")] = 72,
+    repeats: Annotated[int, typer.Option(min=1, help="Runs of each rung.")] = 3,
+    json: Json = False,
+) -> None:
+    """Measure accuracy versus time, from one dot product to the finest picture of SCENE.
+
+    Writes tradeoff.csv, .json, .pdf and .png into the folder --out; takes minutes.
+
+    Example: torchradiometry tradeoff cornell --out tradeoff-cornell
+    """
+    report = torchradiometry.plan.tradeoff_file(
+        scene, out, width=width, height=height, repeats=repeats
+    )
+    _print_report(report, json, f"{report['out']}: {report['seconds']:.0f} s.")
+
+
+@app.command()
 def normals(
     images: Annotated[
         Path, typer.Argument(metavar="INPUT", help="A folder of photographs, or one photograph.")

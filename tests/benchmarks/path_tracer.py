@@ -19,8 +19,6 @@ Needs Mitsuba: `pip install mitsuba`, and libLLVM (Debian's package libllvm19).
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -30,18 +28,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-import trimesh
 
+from tests.benchmarks.mitsuba_scenes import (
+    coverage,
+    drjit,
+    mitsuba,
+    mitsuba_scene,
+    relative_error,
+    sensor,
+    start,
+)
 from torchradiometry import RenderSettings, Scene, cornell_like_room
-from torchradiometry.geometry.cameras import PinholeCamera
-from torchradiometry.render.picture import View, develop, see, view_scene
-from torchradiometry.render.world import prepare
-
-try:
-    import drjit
-    import mitsuba
-except ImportError:
-    mitsuba = None
+from torchradiometry.render.picture import View, develop, view_scene
 
 SIDE = 128
 #: Mitsuba's default, and one that spreads its samples more evenly
@@ -79,51 +77,6 @@ class Rivals:
     target: np.ndarray
 
 
-def mitsuba_scene(scene: Scene) -> Any:
-    """The same surfaces, albedos, emission and camera; nothing merged, box pixels."""
-    with tempfile.TemporaryDirectory() as folder:
-        made: dict[str, Any] = {"type": "scene"}
-        for number, surface in enumerate(scene.surfaces):
-            name = f"{folder}/{number}.ply"
-            mesh = trimesh.Trimesh(surface.vertices.numpy(), surface.faces.numpy(), process=False)
-            mesh.export(name)
-            albedo = {"type": "rgb", "value": surface.albedo.expand(3).tolist()}
-            shape = {"type": "ply", "filename": name, "face_normals": True}
-            shape["bsdf"] = {"type": "diffuse", "reflectance": albedo}
-            if bool((surface.emission > 0).any()):
-                radiance = {"type": "rgb", "value": surface.emission.expand(3).tolist()}
-                shape["emitter"] = {"type": "area", "radiance": radiance}
-            made[f"s{number}"] = shape
-        return mitsuba.load_dict(made, optimize=False)
-
-
-def sensor(camera: PinholeCamera, sampler: str) -> Any:
-    """Ours looks along -z with x to the right; Mitsuba's along +z with x to the left."""
-    place = camera.camera_to_world.double().numpy() @ np.diag([-1.0, 1, -1, 1])
-    film = {"type": "hdrfilm", "width": camera.width, "height": camera.height}
-    film |= {"rfilter": {"type": "box"}, "pixel_format": "rgb", "component_format": "float32"}
-    made = {
-        "type": "perspective",
-        "fov": math.degrees(float(camera.yfov)),
-        "fov_axis": "y",
-        "to_world": mitsuba.ScalarTransform4f(place.tolist()),
-        "film": film,
-        "sampler": {"type": sampler, "sample_count": CHUNK},
-    }
-    return mitsuba.load_dict(made)
-
-
-def coverage(scene: Scene, side: int = 16) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels none of whose side x side rays meet an emitter, and those of which some do not."""
-    world, camera = prepare(scene, RenderSettings()), scene.cameras[0]
-    step = (torch.arange(side) + 0.5) / side - 0.5
-    shift = torch.cartesian_prod(step, step).to(torch.float64)
-    pixels = camera.pixel_grid().double().reshape(-1, 1, 2) + shift
-    points = see(world, *camera.rays(pixels.reshape(-1, 2)))
-    emits = (world.triangles.emission > 0).any(-1)[points.triangle].reshape(SIDE, SIDE, -1)
-    return (~emits.any(-1)).numpy(), (~emits.all(-1)).numpy()
-
-
 def target_picture(scene: Scene, file: Path) -> np.ndarray:
     """Mitsuba's picture of the same room painted differently; kept in `file`."""
     if not file.exists():
@@ -133,7 +86,7 @@ def target_picture(scene: Scene, file: Path) -> np.ndarray:
             for s, p in zip(scene.surfaces, paint, strict=True)
         )
         painted = mitsuba_scene(replace(scene, surfaces=surfaces))
-        film = sensor(scene.cameras[0], SAMPLERS[0])
+        film = sensor(scene.cameras[0], SAMPLERS[0], CHUNK)
         integrator = mitsuba.load_dict({"type": "path"})
         found = mitsuba.render(painted, sensor=film, integrator=integrator, spp=CHUNK, seed=1)
         np.save(file, np.array(found))
@@ -149,13 +102,8 @@ def rivals(folder: Path) -> Rivals:
     keys = [f"s{k}.bsdf.reflectance.value" for k in range(len(scene.surfaces))]
     keys += [k for k in found.keys() if k.endswith("radiance.value")]  # noqa: SIM118
     target = target_picture(scene, folder / "path_tracer_target.npy")
-    sensors = {name: sensor(scene.cameras[0], name) for name in SAMPLERS}
+    sensors = {name: sensor(scene.cameras[0], name, CHUNK) for name in SAMPLERS}
     return Rivals(scene, theirs, sensors, tuple(keys), *coverage(scene), target)
-
-
-def relative_error(found: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
-    """Relative L1."""
-    return float(np.abs(found - truth)[mask].sum() / truth[mask].sum())
 
 
 # --- Mitsuba --------------------------------------------------------------------------------
@@ -326,11 +274,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--reference-only", action="store_true")
     options = parser.parse_args()
-    if mitsuba is None:
-        sys.exit("mitsuba is not installed: run `pip install mitsuba` (and install libllvm19)")
-    mitsuba.set_variant("llvm_ad_rgb")
-    torch.set_num_threads(options.threads)
-    drjit.set_thread_count(options.threads)
+    start(options.threads)
     both = rivals(options.cache)
     truths = {}
     for name, call, samples in (

@@ -1,7 +1,40 @@
-"""HOW MUCH IS ENOUGH: from a scene and a tolerance to settings with a predicted error."""
+"""HOW MUCH IS ENOUGH: from a scene and a tolerance to the effects it calls for."""
 
-from torchradiometry.plan.pilot import mutual_view, reflected_share
-from torchradiometry.plan.render_file import render_file
-from torchradiometry.plan.render_plan import RenderPlan, plan_render
+from torchradiometry.plan.costs import Costs, calibrate, stored_costs
+from torchradiometry.plan.effect import AbstractEffect, Level
+from torchradiometry.plan.effects import EFFECTS
+from torchradiometry.plan.ladder import Rung, ladder
+from torchradiometry.plan.pilot import Pilot
+from torchradiometry.plan.plan import Plan, PlannedLevel, PlanRow
+from torchradiometry.plan.planner import Planner
+from torchradiometry.plan.render_file import open_scene, plan_file, render_file
+from torchradiometry.plan.shader import AmbientLight, DirectLight, PlannedShader, ReflectedLight
+from torchradiometry.plan.tradeoff import Measured, Tradeoff, tradeoff
+from torchradiometry.plan.tradeoff_file import tradeoff_file
 
-__all__ = ["RenderPlan", "mutual_view", "plan_render", "reflected_share", "render_file"]
+__all__ = [
+    "EFFECTS",
+    "AbstractEffect",
+    "AmbientLight",
+    "Costs",
+    "DirectLight",
+    "Level",
+    "Measured",
+    "Pilot",
+    "Plan",
+    "PlanRow",
+    "PlannedLevel",
+    "PlannedShader",
+    "Planner",
+    "ReflectedLight",
+    "Rung",
+    "Tradeoff",
+    "calibrate",
+    "ladder",
+    "open_scene",
+    "plan_file",
+    "render_file",
+    "stored_costs",
+    "tradeoff",
+    "tradeoff_file",
+]

@@ -1,65 +1,264 @@
-"""A quick look at how much surfaces see of each other.
+"""A quick look at a scene: what some hundred pixels receive, with and without each effect.
 
-    h = mean over surface points of the cosine-weighted share of directions that meet a front
+    error of leaving something out  =  sum |L without - L with| / sum L        over pilot pixels
 
-h = 0 for a convex body, 1 for a closed room. With albedo q every bounce keeps at most q of the
-light and, on average, returns the share h of it, so reflected light is about
+Each pilot pixel is seen through its middle x and through a pair of opposite places x +- u in it.
+L(x) - (L(x + u) + L(x - u)) / 2 vanishes where the picture is linear and has, at an edge, the mean
+size of the error of one ray a pixel. Direct light is evaluated exactly, reflected light on coarse
+patches (`reflections`). Sums over n pixels have a standard error, and what n pixels do not show
+may still be there: `mean_error` adds both.
 
-    q h / (1 - q h)   of the direct light,
-
-an estimate (a cavity that holds all the light exceeds the mean), which `reflected_share`
-doubles and never lets exceed the bound q of the total.
+Without a camera the pilot looks at points spread evenly over all surfaces.
 """
 
 from __future__ import annotations
 
-import torch
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING
 
-from torchradiometry.render.direct import cosine_directions
+import torch
+from torch import Tensor
+
+from torchradiometry.geometry.cameras import AbstractCamera
+from torchradiometry.numerics import guarded_divide
+from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
+from torchradiometry.plan.resolution import bends
+from torchradiometry.render.ambient import SurfaceSample, on_surfaces
+from torchradiometry.render.direct import emitter_weights, lamp_irradiance
+from torchradiometry.render.points import SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
 from torchradiometry.scene.scene import Scene
+from torchradiometry.transport.blockers import possible_blockers
+from torchradiometry.transport.rules import sequence
 
-__all__ = ["mutual_view", "reflected_share", "view_in"]
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
 
-#: points on the surfaces and rays from each
-POINTS, RAYS = 512, 16
-MARGIN = 2.0
+__all__ = ["FINE", "Pilot"]
 
-
-def mutual_view(scene: Scene, seed: int = 0) -> float:
-    """h: how much the surfaces of a scene see of each other, 0..1."""
-    return view_in(prepare(scene, RenderSettings()), seed)
-
-
-@torch.no_grad()
-def view_in(world: World, seed: int = 0) -> float:
-    """`mutual_view` of a prepared scene."""
-    generator = torch.Generator().manual_seed(seed)
-    corners = world.triangles.corners
-    a, b, c = corners.unbind(1)
-    area = torch.linalg.cross(b - a, c - a).norm(dim=-1)
-    if not bool(area.sum() > 0):
-        return 0.0
-    chosen = torch.multinomial(area.cpu(), POINTS, True, generator=generator).to(corners.device)
-    weight = torch.rand(POINTS, 2, generator=generator, dtype=torch.float64).to(corners)
-    weight = torch.where(weight.sum(-1, keepdim=True) > 1, 1 - weight, weight)
-    side = (b - a)[chosen] * weight[:, :1] + (c - a)[chosen] * weight[:, 1:]
-    normal = world.normal[chosen]
-    start = world.rays.lift(a[chosen] + side, normal)
-    where = torch.rand(POINTS, RAYS, 2, generator=generator, dtype=torch.float64).to(corners)
-    direction = cosine_directions(where, normal).reshape(-1, 3)
-    hits = world.rays.closest(start.repeat_interleave(RAYS, 0), direction)
-    triangle = hits.triangle.clamp(min=0)
-    front = (world.normal[triangle] * direction).sum(-1) < 0
-    return float((hits.found & (front | world.triangles.two_sided[triangle])).double().mean())
+#: pixels that are looked at
+PIXELS = 768
+#: faces x vertices up to which it is asked whether any face can block
+MOST_TESTS = 2**24
+#: how direct light is evaluated where nothing is left out
+FINE = RenderSettings(shadow_samples=16)
+#: factor on the bends of reflected light, and the power of the patch size by which they fall
+BLUR, POWER = 1.7, 1.1
+#: slope out of the plane above which two points of a pixel lie on different surfaces
+STEP = 0.2
 
 
-def reflected_share(albedo: float, view: float) -> float:
-    """Estimated share of reflected light in all light that leaves, 0..1, on the safe side.
+class Pilot:
+    """What a quick look at a scene shows; everything is found when it is first asked for.
 
-    >>> reflected_share(0.5, 0.0), reflected_share(0.9, 1.0)
-    (0.0, 0.9)
+    Args:
+        scene: surfaces and sources, with at least one triangle.
+        camera: who looks; None: all surfaces count by their area.
+        seed: of the pixels and rays.
     """
-    ratio = MARGIN * albedo * view / max(1 - albedo * view, torch.finfo(torch.float64).tiny)
-    return min(albedo, ratio / (1 + ratio))
+
+    def __init__(self, scene: Scene, camera: AbstractCamera | None, seed: int = 0) -> None:
+        self.scene, self.camera, self.seed = scene, camera, seed
+        self.world: World = prepare(scene, FINE)
+
+    @cached_property
+    def surfaces(self) -> SurfaceSample:
+        """Points on all surfaces, and how much of them each sees."""
+        return on_surfaces(self.world, 256, self.seed)
+
+    @cached_property
+    def blocks(self) -> bool:
+        """Whether some face can come between a point and a source.
+
+        On one convex body no point lies in front of any face, and a lamp that lights a face from
+        its front is seen by all of it. Large meshes are not asked: True.
+        """
+        world = self.world
+        corners, tolerance = world.triangles.corners, world.rays.tolerance
+        points = torch.cat([surface.vertices.detach() for surface in self.scene.surfaces]).double()
+        if len(corners) * len(points) > MOST_TESTS:
+            return True
+        if self.surfaces.mutual_view == 0 and self._convex(points):
+            return False
+        if self.scene.sources:
+            return True
+        blocks = (possible_blockers(part, points, tolerance) for part in corners.split(1024))
+        return any(bool(block.any()) for block in blocks)
+
+    def _convex(self, points: Float[Tensor, "vertex 3"]) -> bool:
+        """No point lies in front of any face."""
+        world = self.world
+        if bool(world.triangles.two_sided.any()):
+            return False
+        offset = (world.normal * world.triangles.corners[:, 0]).sum(-1, keepdim=True)
+        parts = zip(world.normal.split(1024), offset.split(1024), strict=True)
+        return all(float((n @ points.mT - o).max()) <= world.rays.tolerance for n, o in parts)
+
+    @cached_property
+    def _looks(self) -> tuple[SurfacePoints, Bool[Tensor, "look pixel"]]:
+        """What the rays of all pilot pixels meet, and whether it is a surface that counts."""
+        generator = torch.Generator().manual_seed(self.seed)
+        like = self.world.triangles.corners
+        if self.camera is None:
+            sample = self.surfaces
+            count = len(sample.triangle)
+            third = torch.full((count, 3), 1 / 3).to(like)
+            where = SurfacePoints(sample.triangle, sample.triangle, third, *sample.receivers)
+            met = (sample.weight > 0).unsqueeze(0)
+        else:
+            size = like.new_tensor([self.camera.width, self.camera.height])
+            centre = (sequence(PIXELS, 2, like) * size).floor()
+            shift = torch.rand(PIXELS, 2, generator=generator, dtype=torch.float64).to(like) - 0.5
+            place = torch.cat((centre, centre + shift, centre - shift))
+            where = see(self.world, *self.camera.rays(place))
+            met = (where.face >= 0).reshape(3, -1)
+        shines = (self.world.triangles.emission > 0).any(-1)[where.triangle.clamp(min=0)]
+        return where, met & ~shines.reshape(met.shape)
+
+    @property
+    def points(self) -> SurfacePoints:
+        """What the middles of the pilot pixels see, emitters and background left out."""
+        where, counts = self._looks
+        return where.take(torch.nonzero(counts[0]).squeeze(-1))
+
+    @property
+    def seen(self) -> float:
+        """Share of the pixels that see a surface that does not shine."""
+        return float(self._looks[1][0].double().mean())
+
+    def direct(self, settings: RenderSettings) -> Float[Tensor, "point channel"]:
+        """Direct irradiance of the pilot points, W/m2."""
+        return self._direct_at(self.points, settings)
+
+    @torch.no_grad()
+    def _direct_at(
+        self, points: SurfacePoints, settings: RenderSettings
+    ) -> Float[Tensor, "point channel"]:
+        world, generator = self.world, torch.Generator().manual_seed(self.seed)
+        weights = emitter_weights(world, settings, points.receivers, generator)
+        lamps = lamp_irradiance(world, settings, points.receivers, generator)
+        return lamps + weights @ world.glow(world.triangles)
+
+    @cached_property
+    def full_direct(self) -> Float[Tensor, "point channel"]:
+        """Direct irradiance with nothing left out."""
+        return self.direct(FINE)
+
+    @cached_property
+    def reflections(self) -> Reflections:
+        """Reflected light of the pilot points."""
+        return look_at_reflections(self.world, self.points, self.surfaces, FINE)
+
+    @cached_property
+    def albedo(self) -> Float[Tensor, "point channel"]:
+        """Of the pilot points."""
+        found = self.points
+        return self.scene.albedo_at(found.triangle, found.barycentric).detach().double()
+
+    @cached_property
+    def light(self) -> float:
+        """Sum of rho E over the pilot points and channels."""
+        received = self.full_direct + self.reflections.irradiance
+        return float((self.albedo * received).sum())
+
+    def mean_error(self, difference: Float[Tensor, "point channel"]) -> float:
+        """Relative L1 error by a difference of the irradiance on the pilot points, W/m2.
+
+        One standard error of the sum is added to it.
+        """
+        each = (self.albedo * difference).abs().sum(-1)
+        if self.light <= 0 or len(each) < 2:
+            return 0.0
+        return float(each.sum() + math.sqrt(len(each)) * each.std()) / self.light
+
+    @property
+    def unseen(self) -> float:
+        """Error by what too few pixels showed none of: one of them in the light of a mean one."""
+        return 1 / max(1, len(self.points.face))
+
+    def direct_error(self, settings: RenderSettings) -> float:
+        """Relative L1 error of evaluating direct light with `settings`.
+
+        What all surfaces together reflect too much or too little is added: reflected light, where
+        it is seen, is wrong by the same share.
+        """
+        seen = self.mean_error(self.direct(settings) - self.full_direct)
+        if self.light <= 0 or self._power(FINE) <= 0:
+            return seen
+        reflected = float((self.albedo * self.reflections.irradiance).sum()) / self.light
+        return seen + reflected * abs(self._power(settings) / self._power(FINE) - 1)
+
+    @torch.no_grad()
+    def _power(self, settings: RenderSettings) -> float:
+        """Mean of rho E_direct over all surfaces, W/m2."""
+        world, sample = self.world, self.surfaces
+        generator = torch.Generator().manual_seed(self.seed)
+        weights = emitter_weights(world, settings, sample.receivers, generator)
+        lamps = lamp_irradiance(world, settings, sample.receivers, generator)
+        albedo = world.triangles.albedo[sample.triangle].double()
+        direct = lamps + weights @ world.glow(world.triangles)
+        return float((sample.weight.unsqueeze(-1) * albedo * direct).sum())
+
+    @cached_property
+    def _bends(self) -> tuple[Float[Tensor, "point"], Float[Tensor, "point"]]:
+        """What coarse patches miss at some points, relative to their mean light, and their faces'
+        longest edges, m.
+        """
+        points = self.points
+        bend, some = bends(self.world, points, COARSE * self.world.rays.scale)
+        albedo = self.scene.albedo_at(some.triangle, some.barycentric).detach().double()
+        corners = self.world.triangles.corners[some.triangle]
+        edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
+        mean = self.light / max(1, len(points.face))
+        return (albedo * bend).sum(-1) / mean, edge
+
+    def patch_error(self, size: float) -> float:
+        """Relative L1 error by patches of that longest edge, m."""
+        if self.light <= 0 or self.reflections.decay <= 0:
+            return 0.0
+        bend, edge = self._bends
+        coarse = torch.clamp(edge, max=COARSE * self.world.rays.scale)
+        return BLUR * float((bend * (torch.clamp(edge, max=size) / coarse) ** POWER).mean())
+
+    @cached_property
+    def _edges(self) -> tuple[float, float]:
+        """Relative L1 error of one ray a pixel, and the share of pixels with an edge."""
+        where, counts = self._looks
+        if self.camera is None or self.light <= 0:
+            return 0.0, 0.0
+        flat = torch.nonzero(counts.reshape(-1)).squeeze(-1)
+        radiance = self._radiance(where.take(flat)).sum(-1)
+        full = radiance.new_zeros(counts.numel()).index_copy(0, flat, radiance)
+        middle, *pair = full.reshape(counts.shape)
+        # pixels partly covered by an emitter are not counted, as they are not in the picture
+        shines = self._shines(where).reshape(counts.shape).any(0)
+        off = (middle - (pair[0] + pair[1]) / 2).abs() * ~shines
+        error = float(guarded_divide(off.sum(), middle.sum()))
+        surface = self.world.triangles.surface[where.triangle.clamp(min=0)]
+        kind = torch.where(where.triangle >= 0, surface, -1).reshape(counts.shape)
+        step = ((where.position - where.position[: len(middle)].repeat(3, 1))
+                * where.normal[: len(middle)].repeat(3, 1)).sum(-1)  # fmt: skip
+        bent = (step.abs() > STEP * self.world.rays.scale / 100).reshape(counts.shape).any(0)
+        edge = ((kind != kind[0]).any(0) | bent) & counts.any(0)
+        return error, float(edge.double().mean())
+
+    def _shines(self, where: SurfacePoints) -> Bool[Tensor, "look"]:
+        emits = (self.world.triangles.emission > 0).any(-1)
+        return emits[where.triangle.clamp(min=0)] & (where.triangle >= 0)
+
+    def _radiance(self, where: SurfacePoints) -> Float[Tensor, "look channel"]:
+        """rho E of any points."""
+        albedo = self.scene.albedo_at(where.triangle, where.barycentric).detach().double()
+        return albedo * (self._direct_at(where, FINE) + self.reflections.at(where))
+
+    @property
+    def one_ray_error(self) -> float:
+        """Relative L1 error of the picture with one ray a pixel."""
+        return self._edges[0]
+
+    @property
+    def edge_share(self) -> float:
+        """Share of the pixels that show more than one surface."""
+        return self._edges[1]

@@ -1,21 +1,70 @@
-"""From a scene file and a tolerance to a picture file."""
+"""From a scene file and a tolerance to a plan, and to a picture file."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
 from torchradiometry.files import PICTURE_ENDINGS, write_picture
-from torchradiometry.plan.render_plan import plan_render
+from torchradiometry.plan.plan import Plan
+from torchradiometry.plan.planner import Planner
 from torchradiometry.render.picture import render_scene
 from torchradiometry.scene.defaults import with_default_view
 from torchradiometry.scene.load import load_scene
+from torchradiometry.scene.scene import Scene
+from torchradiometry.scene.standard import STANDARD_SCENES
 
-__all__ = ["render_file"]
+__all__ = ["open_scene", "plan_file", "render_file"]
+
+
+def open_scene(scene: str | Path, width: int, height: int) -> tuple[Scene, tuple[str, ...]]:
+    """A scene file, or a standard scene by its name, with one camera and some light.
+
+    Args:
+        scene: glTF, GLB or a mesh; or a name in `STANDARD_SCENES`, unless such a file exists.
+        width, height: of the first camera's picture, pixels.
+
+    Returns:
+        The scene, and faults that a picture survives.
+
+    Raises:
+        InputFileError, FileFormatError: it cannot be read.
+        RadiometryError: the first grave fault of an invalid scene.
+    """
+    if str(scene) in STANDARD_SCENES and not Path(scene).exists():
+        return STANDARD_SCENES[str(scene)](width, height), ()
+    loaded = with_default_view(load_scene(scene), width=width, height=height)
+    slight = loaded.require_renderable()
+    first = replace(loaded.cameras[0], width=width, height=height)
+    made = replace(loaded, cameras=(first, *loaded.cameras[1:]))
+    return made, tuple(str(fault) for fault in slight)
+
+
+def plan_file(
+    scene: str | Path,
+    *,
+    width: int = 256,
+    height: int = 256,
+    tolerance: float | None = None,
+    seconds: float | None = None,
+) -> Plan:
+    """The plan of a scene file's picture; arguments and errors as of `render_file`.
+
+    Args:
+        scene: as of `open_scene`.
+        width, height: pixels.
+        tolerance: relative L1 error of the picture; or
+        seconds: time it may take.
+    """
+    _check_size(width, height)
+    planner = Planner(tolerance, seconds=seconds)
+    made, _ = open_scene(scene, width, height)
+    return planner.plan(made, made.cameras[0])
 
 
 def render_file(
@@ -25,22 +74,22 @@ def render_file(
     width: int = 256,
     height: int = 256,
     tolerance: float = 0.03,
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Plan, render and write the picture of a scene file.
 
     The first camera of the file is used, with the picture size given here; a scene without a
     camera or a light gets the default ones.
 
     Args:
-        scene: glTF, GLB or a mesh.
+        scene: glTF, GLB or a mesh, or the name of a standard scene.
         out: ends in `.npy`, `.exr`, `.hdr` or `.png`.
         width, height: pixels.
         tolerance: relative L1 error of the picture, 0 < tolerance < 1.
 
     Returns:
-        `out`, `seconds`, `predicted_error`, `plan`, `stages`, `patches`, `operator` (matrix or
-        tree of clusters, and why), `rays` (which caster, and why) and `warnings` (faults of the
-        scene that a picture survives), ready for JSON.
+        `out`, `seconds`, `predicted_error`, `plan`, `stages`, `patches`, `rays`, `operator` (which
+        one exchanges light between patches, and why) and `warnings` (faults of the scene that
+        a picture survives), ready for JSON.
 
     Raises:
         InputFileError, FileFormatError: the scene cannot be read, or the ending of `out` is
@@ -49,15 +98,16 @@ def render_file(
         RadiometryError: the first grave fault of an invalid scene.
     """
     begin = time.perf_counter()
-    _check_request(Path(out), width, height, tolerance)
-    loaded = with_default_view(load_scene(scene), width=width, height=height)
-    slight = loaded.require_renderable()
-    camera = replace(loaded.cameras[0], width=width, height=height)
-    plan = plan_render(loaded, camera, tolerance)
+    _check_out(Path(out))
+    _check_size(width, height)
+    planner = Planner(tolerance)
+    made, warnings = open_scene(scene, width, height)
+    plan = planner.plan(made, made.cameras[0])
     with torch.no_grad():
-        picture = render_scene(loaded, camera, plan.settings)
-    pixels, indirect = picture.radiance, picture.indirect
+        picture = render_scene(made, made.cameras[0], plan.settings)
+    pixels = picture.radiance
     write_picture(out, pixels.expand(*pixels.shape[:2], 3).cpu().numpy())
+    indirect = picture.indirect
     return {
         "out": str(out),
         "seconds": time.perf_counter() - begin,
@@ -65,19 +115,20 @@ def render_file(
         "plan": plan.to_dict(),
         "stages": picture.seconds,
         "patches": picture.patches,
-        "operator": indirect.exchange.reason if indirect else "none: no interreflection",
         "rays": picture.rays,
-        "warnings": [str(fault) for fault in slight],
+        "operator": indirect.exchange.reason if indirect else "none: no interreflection",
+        "warnings": list(warnings),
     }
 
 
-def _check_request(out: Path, width: int, height: int, tolerance: float) -> None:
+def _check_out(out: Path) -> None:
     """Find out what would fail at the end before anything is computed."""
     if out.suffix.lower() not in PICTURE_ENDINGS:
         raise FileFormatError(str(out), f"the ending {out.suffix!r}", f"use {PICTURE_ENDINGS}")
     if not out.parent.is_dir():
         raise InputFileError(str(out), "a folder that does not exist", f"create {out.parent}")
+
+
+def _check_size(width: int, height: int) -> None:
     if width < 1 or height < 1:
         raise OutOfRangeError("width, height", f"{width} x {height}", "pass at least 1 pixel each")
-    if not 0 < tolerance < 1:
-        raise OutOfRangeError("tolerance", f"{tolerance!r}", "pass a number between 0 and 1")

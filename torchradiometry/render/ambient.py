@@ -30,7 +30,14 @@ from torchradiometry.transport.rules import sample_patches, sequence
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["AmbientExchange", "SurfaceSample", "ambient_exchange", "ambient_irradiance", "on_surfaces"]
+__all__ = [
+    "AmbientExchange",
+    "SurfaceSample",
+    "ambient_exchange",
+    "ambient_irradiance",
+    "balanced_irradiance",
+    "on_surfaces",
+]
 
 #: points on the surfaces and rays from each
 POINTS, RAYS = 512, 16
@@ -118,13 +125,32 @@ def ambient_irradiance(
     Differentiable in: albedo and emission of the triangles.
     """
     sample = exchange.sample
-    weight = guarded_divide(sample.weight, sample.weight.sum()).unsqueeze(-1)
     albedo = triangles.albedo[sample.triangle].to(torch.float64)
     direct = exchange.lamps + exchange.weights @ world.glow(triangles)
-    kept = 1 - (weight * albedo * sample.view.unsqueeze(-1)).sum(0)
-    if bool((kept <= torch.finfo(kept.dtype).eps).any()):
+    return balanced_irradiance(albedo, direct, sample.view, sample.weight)
+
+
+def balanced_irradiance(
+    albedo: Float[Tensor, "point channel"],
+    direct: Float[Tensor, "point channel"],
+    view: Float[Tensor, "point"],
+    weight: Float[Tensor, "point"],
+) -> Float[Tensor, "channel"]:
+    """E_ambient of points, W/m2.
+
+    Args:
+        albedo: 0..1.
+        direct: irradiance, W/m2.
+        view: h, 0..1.
+        weight: of each point.
+
+    Raises:
+        SingularSystemError: as of `ambient_irradiance`.
+    """
+    weight = guarded_divide(weight, weight.sum()).unsqueeze(-1)
+    kept = 1 - (weight * albedo * view.unsqueeze(-1)).sum(0)
+    if not torch.compiler.is_compiling() and bool((kept <= torch.finfo(kept.dtype).eps).any()):
         raise SingularSystemError(
             "ambient", "surfaces that lose no light", "use albedos below 1 or open the scene"
         )
-    reflected = (weight * albedo * direct).sum(0) / kept
-    return (weight.squeeze(-1) * sample.view).sum() * reflected
+    return (weight.squeeze(-1) * view).sum() * (weight * albedo * direct).sum(0) / kept

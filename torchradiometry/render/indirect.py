@@ -57,11 +57,13 @@ __all__ = [
     "MOST_DENSE",
     "Exchange",
     "Indirect",
+    "Reflected",
     "exchange_between",
     "first_patches",
     "indirect_at",
     "operator_between",
     "patch_size_of",
+    "reflected_irradiance",
     "solve_exchange",
 ]
 
@@ -263,6 +265,25 @@ def solve_exchange(
     albedo = triangles.albedo[exchange.triangle].to(torch.float64)
     exitance = math.pi * triangles.emission[exchange.triangle].to(torch.float64)
     direct = exchange.lamps + exchange.weights @ world.glow(triangles)
+    found = reflected_irradiance(exchange, albedo, direct, settings)
+    return Indirect(exchange, found.values, albedo, exitance, found.solution, found.irradiance)
+
+
+class Reflected(NamedTuple):
+    """Reflected light of patches: on vertices, the solution, on patches; see `Indirect`."""
+
+    values: Float[Tensor, "vertex channel"]
+    solution: Solution
+    irradiance: Float[Tensor, "patch channel"]
+
+
+def reflected_irradiance(
+    exchange: Exchange,
+    albedo: Float[Tensor, "patch channel"],
+    direct: Float[Tensor, "patch channel"],
+    settings: RenderSettings,
+) -> Reflected:
+    """What patches receive from each other if they receive `direct` (W/m2) from sources."""
     weight = exchange.patches.area.detach() * exchange.exposure.share
     solver = Neumann(max(settings.bounces - 1, 0), settings.ambient_tail)
     operator = exchange.operator
@@ -277,8 +298,7 @@ def solve_exchange(
         solution = solution._replace(
             radiosity=solution.radiosity * colour, bound=solution.bound * colour
         )
-    values = vertex_values(irradiance, weight, exchange.welding)
-    return Indirect(exchange, values, albedo, exitance, solution, irradiance)
+    return Reflected(vertex_values(irradiance, weight, exchange.welding), solution, irradiance)
 
 
 def indirect_at(

@@ -1,0 +1,65 @@
+"""An effect: something that light does, what leaving it out costs in accuracy, and what it takes.
+
+An effect has levels, from left out to as good as it gets. A level knows the settings that switch
+it on and the relative L1 error of the picture that remains at it, all else being exact; errors of
+several effects add up at most. The kind says what that number is:
+
+    exact      0, by geometry: nothing of the kind happens in this scene
+    bound      no scene of these albedos exceeds it
+    estimate   measured on the pilot's pixels or patches, with a margin
+
+A new effect is one file in `plan/effects` and one entry in `EFFECTS`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+from torchradiometry.plan.pilot import Pilot
+from torchradiometry.render.settings import RenderSettings
+
+__all__ = ["AbstractEffect", "Kind", "Level", "Settings"]
+
+Settings = dict[str, int | float | bool | None]
+Kind = str
+
+
+class Level(NamedTuple):
+    """One way to treat an effect.
+
+    Attributes:
+        name: `left out`, `exact`, `8 bounces`...
+        error: relative L1 error of the picture that remains, >= 0.
+        kind: `exact`, `bound` or `estimate`.
+        settings: fields of `RenderSettings` that bring it about.
+    """
+
+    name: str
+    error: float
+    kind: Kind
+    settings: Settings
+
+
+class AbstractEffect(ABC):
+    """What light does, as something that can be left out.
+
+    Attributes:
+        name: as tables show it.
+        adds: what the picture gains.
+    """
+
+    name: str
+    adds: str
+
+    @abstractmethod
+    def levels(self, pilot: Pilot) -> tuple[Level, ...]:
+        """From left out to best. One level if the scene leaves no choice."""
+
+    @abstractmethod
+    def why(self, pilot: Pilot, level: Level) -> str:
+        """The reason of a level in this scene, one clause."""
+
+    def applies(self, settings: RenderSettings) -> bool:
+        """Whether the effect can show at all beside the others' settings."""
+        return True

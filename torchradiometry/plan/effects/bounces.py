@@ -1,0 +1,84 @@
+"""Interreflection: light that comes by way of other surfaces, bounce by bounce.
+
+    left out    E_1 + E_2 + ... is missing
+    ambient     one number stands for it, calibrated by the balance of light (`render.ambient`)
+    k bounces   E_1 ... E_k on patches, and a calibrated ambient tail for the rest
+
+A bounce keeps at most the share q of the light, q the largest albedo: what k bounces miss is at
+most q^(k+1) of all light. The pilot's own series is mostly far below that.
+"""
+
+from __future__ import annotations
+
+from torchradiometry.plan.effect import AbstractEffect, Level
+from torchradiometry.plan.pilot import Pilot
+from torchradiometry.plan.reflections import COARSE
+
+__all__ = ["Interreflection"]
+
+#: numbers of bounces to choose among
+BOUNCES = (1, 2, 4, 8, 16, 32, 64)
+#: faces up to which light is exchanged between all of them
+MOST_FACES = 48_000
+#: factor on what the coarse pilot says is left after some bounces
+MARGIN = 1.25
+
+
+class Interreflection(AbstractEffect):
+    """Reflected light."""
+
+    name = "interreflection"
+    adds = "light in shadows, and everything that is lit by other surfaces"
+
+    def levels(self, pilot: Pilot) -> tuple[Level, ...]:
+        found, lit = pilot.reflections, pilot.light > 0
+        none = {"bounces": 0, "ambient": False}
+        if found.decay <= 0 or not lit:
+            return (Level("left out", 0.0, "exact", none),)
+        missing = pilot.mean_error(found.irradiance)
+        # what the pilot's own patches blur adds to how uneven reflected light is
+        blur = pilot.patch_error(COARSE * pilot.world.rays.scale)
+        bound = min(found.decay, 1.0)
+        missing, kind = min((missing, "estimate"), (bound, "bound"))
+        levels = [
+            Level("left out", missing, kind, none),
+            Level(
+                "ambient",
+                pilot.mean_error(found.irradiance - found.ambient) + blur,
+                "estimate",
+                {"bounces": 0, "ambient": True},
+            ),
+        ]
+        if len(pilot.world.faces.corners) > MOST_FACES:
+            return tuple(levels)
+        for count in BOUNCES:
+            left = MARGIN * pilot.mean_error(found.irradiance - found.after(count))
+            bound = min(found.decay, 1.0) ** (count + 1)
+            error, kind = min((left, "estimate"), (bound, "bound"))
+            settings = {"bounces": count, "ambient": False}
+            levels.append(Level(f"{count} bounces", error, kind, settings))
+        # more bounces never help where fewer already leave nothing
+        return tuple(_until_negligible(levels))
+
+    def why(self, pilot: Pilot, level: Level) -> str:
+        found = pilot.reflections
+        if found.decay <= 0:
+            return "nothing reflects, or no surface sees another"
+        if pilot.light <= 0:
+            return "no light arrives"
+        if level.name == "left out":
+            return "surfaces hardly light each other"
+        if level.name == "ambient":
+            return "reflected light is nearly even"
+        return f"surfaces see each other; albedos up to {found.decay:.2g}"
+
+
+def _until_negligible(levels: list[Level]) -> list[Level]:
+    kept: list[Level] = []
+    for level in levels:
+        if kept and level.error >= kept[-1].error and level.name != "ambient":
+            continue
+        kept.append(level)
+        if level.error < 1e-5:
+            break
+    return kept

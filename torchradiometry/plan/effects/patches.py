@@ -1,0 +1,60 @@
+"""Patch size: how finely reflected light is resolved.
+
+The pilot looks how much reflected light bends within coarse patches (`resolution`). The error falls
+about in proportion to the longest edge, where faces are larger than that; smaller faces stay as they
+are.
+"""
+
+from __future__ import annotations
+
+from torchradiometry.plan.effect import AbstractEffect, Level
+from torchradiometry.plan.pilot import Pilot
+from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
+from torchradiometry.render.settings import RenderSettings
+
+__all__ = ["PatchSize", "patch_count"]
+
+#: parts of the half diagonal of the scene to choose among
+PARTS = tuple(1.5 * 2 ** (k / 4) for k in range(20))
+
+
+class PatchSize(AbstractEffect):
+    """Resolution of reflected light."""
+
+    name = "patches"
+    adds = "gradients of reflected light, contacts, creases"
+
+    def levels(self, pilot: Pilot) -> tuple[Level, ...]:
+        scale, found = pilot.world.rays.scale, pilot.reflections
+        if found.decay <= 0 or pilot.light <= 0:
+            return (Level("none", 0.0, "exact", {"patch_size": None}),)
+        levels = []
+        for parts in PARTS:
+            size = scale / parts
+            error = pilot.patch_error(size)
+            count = patch_count(pilot, size)
+            clustered = CLUSTER_ERROR if count > MOST_DENSE else 0.0
+            levels.append(
+                Level(f"{size:.3g} m", error + clustered, "estimate", {"patch_size": size})
+            )
+        kept = levels[:1]
+        for level in levels[1:]:
+            if level.error < kept[-1].error:
+                kept.append(level)
+        return tuple(kept)
+
+    def why(self, pilot: Pilot, level: Level) -> str:
+        if level.name == "none":
+            return "no light is exchanged"
+        size = level.settings["patch_size"]
+        return f"about {patch_count(pilot, float(size or 0)):.0f} patches"
+
+    def applies(self, settings: RenderSettings) -> bool:
+        return settings.bounces > 0
+
+
+def patch_count(pilot: Pilot, size: float) -> float:
+    """How many patches that size makes: the renderer's own grid, counted."""
+    corners = pilot.world.faces.corners
+    edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
+    return float((edge / size - 2.0**-20).ceil().clamp(min=1).square().sum())
