@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.files import write_picture
-from torchradiometry.render import RenderSettings, render_scene
+from torchradiometry.render import Picture, RenderSettings, render_scene
 from torchradiometry.render.picture import see
 from torchradiometry.render.world import prepare
 from torchradiometry.scene import Scene
@@ -32,6 +32,8 @@ from torchradiometry.scene.standard import STANDARD_SCENES
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "rooms.png"
 ROOMS = ("white room", "black room")
+#: pixels of the pictures that are measured, and of those that are shown
+SIZE, SHOWN = (96, 72), (288, 216)
 
 
 def surface_of_pixels(scene: Scene) -> Tensor:
@@ -70,20 +72,29 @@ def observe(radiance: Tensor, scene: Scene, keep: Tensor) -> dict[str, float]:
     }
 
 
+def render(room: str, size: tuple[int, int], bounces: int, patch_size: float) -> Picture:
+    """A standard room with so many bounces."""
+    scene = STANDARD_SCENES[room](*size)
+    settings = RenderSettings(bounces=bounces, patch_size=patch_size, supersampling=3)
+    with torch.no_grad():
+        return render_scene(scene, scene.cameras[0], settings)
+
+
 def main(fast: bool = False, out: Path = PICTURE) -> dict[str, dict[str, float]]:
-    """Render both rooms at the same mean radiance; what can be read off each."""
-    width, height = (32, 24) if fast else (288, 216)
-    common = {"supersampling": 1, "patch_size": 1.5} if fast else {"patch_size": 0.5}
-    found, panels = {}, []
+    """Render both rooms; what can be read off each, and the share of light that was reflected."""
+    size, patch_size = ((32, 24), 1.5) if fast else (SIZE, 0.35)
+    found = {}
+    for name in ROOMS:
+        full, direct = (render(name, size, bounces, patch_size) for bounces in (64, 0))
+        keep = ~full.emitter
+        found[name] = observe(full.radiance.mean(-1), STANDARD_SCENES[name](*size), keep)
+        found[name]["reflected share"] = float(
+            1 - direct.radiance[keep].sum() / full.radiance[keep].sum()
+        )
+    panels = []
     for name, bounces in ((ROOMS[0], 64), (ROOMS[1], 64), (ROOMS[1], 0)):
-        scene = STANDARD_SCENES[name](width, height)
-        settings = RenderSettings(bounces=bounces, **common)
-        with torch.no_grad():
-            picture = render_scene(scene, scene.cameras[0], settings)
-        radiance, keep = picture.radiance.mean(-1), ~picture.emitter
-        panels.append(picture.radiance / radiance[keep].mean())
-        if bounces:
-            found[name] = observe(radiance, scene, keep)
+        picture = render(name, size if fast else SHOWN, bounces, max(patch_size, 0.5))
+        panels.append(picture.radiance / picture.radiance[~picture.emitter].mean())
     out.parent.mkdir(parents=True, exist_ok=True)
     write_picture(out, torch.cat(panels, 1).numpy(), exposure=0.4)
     return found

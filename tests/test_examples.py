@@ -29,6 +29,7 @@ def test_gilchrist(tmp_path: Path) -> None:
     assert black["dynamic range"] > 10 * white["dynamic range"] > 10
     assert black["shadow depth"] > 2 * white["shadow depth"] > 0
     assert black["sharpness"] > 5 * white["sharpness"] > 0
+    assert 0 < black["reflected share"] < 0.1 < 0.8 < white["reflected share"] < 1
     assert (tmp_path / "rooms.png").stat().st_size > 500
 
 

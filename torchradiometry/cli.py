@@ -120,6 +120,43 @@ def tradeoff(
 
 
 @app.command()
+def plan(
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE", help="glTF, GLB, a mesh, or a standard scene's name.")
+    ],
+    tolerance: Annotated[
+        float | None, typer.Option(help="Largest relative L1 error of the picture, 0..1.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Time that the picture may take, instead of a tolerance.")
+    ] = None,
+    width: Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")] = 256,
+    height: Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")] = 256,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="A .json file to keep the plan in.")
+    ] = None,
+    calibrate: Annotated[
+        bool, typer.Option("--calibrate", help="Measure this machine's prices first (seconds).")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Which effects a picture of SCENE needs, why, and what it will take.
+
+    Example: torchradiometry plan cornell --tolerance 0.03
+    """
+    if calibrate:
+        torchradiometry.plan.calibrate()
+    if tolerance is None and seconds is None:
+        tolerance = 0.03
+    found = torchradiometry.plan.plan_file(
+        scene, width=width, height=height, tolerance=tolerance, seconds=seconds
+    )
+    if out is not None:
+        found.save(out)
+    _print_report(found.to_dict(), json, found.table())
+
+
+@app.command()
 def normals(
     images: Annotated[
         Path, typer.Argument(metavar="INPUT", help="A folder of photographs, or one photograph.")

@@ -11,6 +11,7 @@ prices gets those of an ordinary processor core.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -22,6 +23,8 @@ from torchradiometry.errors import FileFormatError
 from torchradiometry.files import atomic_path, check_readable
 from torchradiometry.plan.effects.patches import patch_count
 from torchradiometry.plan.pilot import Pilot
+from torchradiometry.render.ambient import POINTS as SAMPLE
+from torchradiometry.render.ambient import RAYS
 from torchradiometry.render.indirect import MOST_DENSE
 from torchradiometry.render.picture import develop, view_scene
 from torchradiometry.render.settings import RenderSettings
@@ -42,7 +45,7 @@ DEFAULT = {
     "patch": 6e-5,
     "pair": 2e-6,
     "blocked pair": 2e-6,
-    "clustered patch": 2.5e-3,
+    "clustered patch": 8e-4,
     "bounce pair": 2e-9,
     "picture": 1e-3,
     "bounce": 1e-4,
@@ -114,6 +117,8 @@ class Costs:
             prices = {name: float(found[name]) for name in DEFAULT}
         except (ValueError, KeyError, TypeError) as error:
             raise FileFormatError(str(path), "no prices", "calibrate again") from error
+        if not all(0 <= price < math.inf for price in prices.values()):
+            raise FileFormatError(str(path), "prices that are no numbers", "calibrate again")
         return cls(prices, True)
 
 
@@ -125,7 +130,8 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, float]:
     more = edges * (4 * side**2 + 2) if side > 1 else 0.0
     points = pixels * (1 + (2 * edges if side > 1 else 0)) * max(pilot.seen, 1 / 64)
     polygons, blockers = len(world.emitters.corners), world.blockers
-    lamps = len(pilot.scene.sources)
+    lamps, balance = len(pilot.scene.sources), SAMPLE if settings.ambient else 0
+    points += balance
     count = patch_count(pilot, settings.patch_size) if settings.patch_size else 0.0
     count = count if settings.bounces else 0.0
     dense = count <= MOST_DENSE
@@ -136,10 +142,10 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, float]:
     return {
         "start": 1.0,
         "triangle": float(len(world.triangles.surface)),
-        "ray": pixels * (1 + more),
+        "ray": pixels * (1 + more) + balance * RAYS,
         "batch": 2.0 if side == 1 else 4.0,
-        "lamp point": lamps * points,
-        "polygon point": polygons * points,
+        "lamp point": lamps * points * (1.0 if settings.near else 0.5),
+        "polygon point": polygons * points * (1.0 if settings.extent else 0.3),
         "shadow ray": points * shaded * (lamps + (0 if exact else polygons * rays)),
         "clipped point": points * clipped,
         "patch": count * dense * (1 + lamps + polygons + (clipped or rays * shaded * polygons) / 4),
@@ -185,7 +191,7 @@ def calibrate(
         pilot = Pilot(scene, scene.cameras[0])
         rows.append((counts(pilot, settings), develop(view, scene).seconds))
         progress((number + 1) / len(TRIALS))
-    prices = {}
+    prices: dict[str, float] = {}
     for stage, causes in STAGES.items():
         fitted = _fitted(
             torch.tensor([[found[c] for c in causes] for found, _ in rows], dtype=torch.float64),
@@ -201,7 +207,7 @@ def calibrate(
 def _fitted(count: torch.Tensor, seconds: torch.Tensor, first: torch.Tensor) -> torch.Tensor:
     """Prices > 0 with the least squares of logarithms, drawn weakly to the default's proportions.
 
-        sum (log predicted / measured)^2 + WEAKLY sum (log price / (c default))^2
+    sum (log predicted / measured)^2 + WEAKLY sum (log price / (c default))^2
     """
     some = (seconds > 0) & (count @ first > 0)
     count, target = count[some], seconds[some].log()

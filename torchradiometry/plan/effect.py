@@ -14,15 +14,15 @@ A new effect is one file in `plan/effects` and one entry in `EFFECTS`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.settings import RenderSettings
 
-__all__ = ["AbstractEffect", "Kind", "Level", "Settings"]
+__all__ = ["AbstractEffect", "Level", "Settings"]
 
-Settings = dict[str, int | float | bool | None]
-Kind = str
+Settings = Mapping[str, Any]
 
 
 class Level(NamedTuple):
@@ -37,7 +37,7 @@ class Level(NamedTuple):
 
     name: str
     error: float
-    kind: Kind
+    kind: str
     settings: Settings
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
@@ -26,7 +26,7 @@ from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflec
 from torchradiometry.plan.resolution import bends
 from torchradiometry.render.ambient import SurfaceSample, on_surfaces
 from torchradiometry.render.direct import emitter_weights, lamp_irradiance
-from torchradiometry.render.points import SurfacePoints, see
+from torchradiometry.render.points import Receivers, SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
 from torchradiometry.scene.scene import Scene
@@ -39,15 +39,29 @@ if TYPE_CHECKING:
 __all__ = ["FINE", "Pilot"]
 
 #: pixels that are looked at
-PIXELS = 768
+PIXELS = 512
 #: faces x vertices up to which it is asked whether any face can block
 MOST_TESTS = 2**24
 #: how direct light is evaluated where nothing is left out
-FINE = RenderSettings(shadow_samples=16)
+FINE = RenderSettings(shadow_samples=8)
+#: standard errors that are added to what the pilot's pixels show
+ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
-BLUR, POWER = 1.7, 1.1
+BLUR, POWER = 1.6, 1.1
 #: slope out of the plane above which two points of a pixel lie on different surfaces
 STEP = 0.2
+
+
+class _Lit(NamedTuple):
+    """Direct light.
+
+    Attributes:
+        seen: irradiance of the pilot points, W/m2.
+        power: sum of rho E over points of all surfaces, W/m2.
+    """
+
+    seen: Float[Tensor, "point channel"]
+    power: float
 
 
 class Pilot:
@@ -128,23 +142,34 @@ class Pilot:
         """Share of the pixels that see a surface that does not shine."""
         return float(self._looks[1][0].double().mean())
 
-    def direct(self, settings: RenderSettings) -> Float[Tensor, "point channel"]:
-        """Direct irradiance of the pilot points, W/m2."""
-        return self._direct_at(self.points, settings)
+    @torch.no_grad()
+    def _lit(self, settings: RenderSettings) -> _Lit:
+        """Direct light of the pilot points and of all surfaces, evaluated together."""
+        found, sample = self.points, self.surfaces
+        parts = zip(found.receivers, sample.receivers, strict=True)
+        light = self._direct_at(Receivers(*(torch.cat(pair) for pair in parts)), settings)
+        seen, everywhere = light.split((len(found.face), len(sample.triangle)))
+        albedo = self.world.triangles.albedo[sample.triangle].double()
+        power = (sample.weight.unsqueeze(-1) * albedo * everywhere).sum()
+        return _Lit(seen, float(power))
+
+    @cached_property
+    def _fully_lit(self) -> _Lit:
+        return self._lit(FINE)
 
     @torch.no_grad()
     def _direct_at(
-        self, points: SurfacePoints, settings: RenderSettings
+        self, points: Receivers, settings: RenderSettings
     ) -> Float[Tensor, "point channel"]:
         world, generator = self.world, torch.Generator().manual_seed(self.seed)
-        weights = emitter_weights(world, settings, points.receivers, generator)
-        lamps = lamp_irradiance(world, settings, points.receivers, generator)
+        weights = emitter_weights(world, settings, points, generator)
+        lamps = lamp_irradiance(world, settings, points, generator)
         return lamps + weights @ world.glow(world.triangles)
 
     @cached_property
     def full_direct(self) -> Float[Tensor, "point channel"]:
         """Direct irradiance with nothing left out."""
-        return self.direct(FINE)
+        return self._fully_lit.seen
 
     @cached_property
     def reflections(self) -> Reflections:
@@ -166,12 +191,12 @@ class Pilot:
     def mean_error(self, difference: Float[Tensor, "point channel"]) -> float:
         """Relative L1 error by a difference of the irradiance on the pilot points, W/m2.
 
-        One standard error of the sum is added to it.
+        `ERRORS` standard errors of the sum are added to it.
         """
         each = (self.albedo * difference).abs().sum(-1)
         if self.light <= 0 or len(each) < 2:
             return 0.0
-        return float(each.sum() + math.sqrt(len(each)) * each.std()) / self.light
+        return float(each.sum() + ERRORS * math.sqrt(len(each)) * each.std()) / self.light
 
     @property
     def unseen(self) -> float:
@@ -184,22 +209,12 @@ class Pilot:
         What all surfaces together reflect too much or too little is added: reflected light, where
         it is seen, is wrong by the same share.
         """
-        seen = self.mean_error(self.direct(settings) - self.full_direct)
-        if self.light <= 0 or self._power(FINE) <= 0:
-            return seen
+        found, full = self._lit(settings), self._fully_lit
+        error = self.mean_error(found.seen - full.seen)
+        if self.light <= 0 or full.power <= 0:
+            return error
         reflected = float((self.albedo * self.reflections.irradiance).sum()) / self.light
-        return seen + reflected * abs(self._power(settings) / self._power(FINE) - 1)
-
-    @torch.no_grad()
-    def _power(self, settings: RenderSettings) -> float:
-        """Mean of rho E_direct over all surfaces, W/m2."""
-        world, sample = self.world, self.surfaces
-        generator = torch.Generator().manual_seed(self.seed)
-        weights = emitter_weights(world, settings, sample.receivers, generator)
-        lamps = lamp_irradiance(world, settings, sample.receivers, generator)
-        albedo = world.triangles.albedo[sample.triangle].double()
-        direct = lamps + weights @ world.glow(world.triangles)
-        return float((sample.weight.unsqueeze(-1) * albedo * direct).sum())
+        return error + reflected * abs(found.power / full.power - 1)
 
     @cached_property
     def _bends(self) -> tuple[Float[Tensor, "point"], Float[Tensor, "point"]]:
@@ -220,7 +235,8 @@ class Pilot:
             return 0.0
         bend, edge = self._bends
         coarse = torch.clamp(edge, max=COARSE * self.world.rays.scale)
-        return BLUR * float((bend * (torch.clamp(edge, max=size) / coarse) ** POWER).mean())
+        each = bend * (torch.clamp(edge, max=size) / coarse) ** POWER
+        return BLUR * (float(each.mean()) + float(each.std()) / math.sqrt(max(1, len(each))))
 
     @cached_property
     def _edges(self) -> tuple[float, float]:
@@ -251,7 +267,7 @@ class Pilot:
     def _radiance(self, where: SurfacePoints) -> Float[Tensor, "look channel"]:
         """rho E of any points."""
         albedo = self.scene.albedo_at(where.triangle, where.barycentric).detach().double()
-        return albedo * (self._direct_at(where, FINE) + self.reflections.at(where))
+        return albedo * (self._direct_at(where.receivers, FINE) + self.reflections.at(where))
 
     @property
     def one_ray_error(self) -> float:

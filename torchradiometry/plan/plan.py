@@ -8,7 +8,7 @@ error is meant to be at most that.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from torchradiometry.scene.scene import Scene
 __all__ = ["Plan", "PlanRow", "PlannedLevel", "merged_settings"]
 
 
-def merged_settings(parts: Iterable[dict[str, Any]]) -> RenderSettings:
+def merged_settings(parts: Iterable[Mapping[str, Any]]) -> RenderSettings:
     """Settings of several effects together: the later decides, but never switches shadows on."""
     merged: dict[str, Any] = {}
     for part in parts:
@@ -187,11 +187,15 @@ class Plan:
             cells = (row.effect, chosen, f"{row.error:.2%}", f"{out.error:.2%}", out.kind, row.why)
             lines.append(cells)
         widths = [max(len(line[k]) for line in lines) for k in range(6)]
-        shown = ["  ".join(c.ljust(w) for c, w in zip(l, widths, strict=True)).rstrip() for l in lines]
+        shown = [
+            "  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip()
+            for line in lines
+        ]
         goal = f"tolerance {self.tolerance:.2%}" if self.tolerance else f"{self.budget:g} s"
         price = "" if self.calibrated else " (prices of an ordinary core: calibrate this machine)"
-        total = f"{goal}: predicted error {self.predicted_error:.2%}, {self.predicted_seconds:.2g} s"
-        return "\n".join([*shown, total + price, *self.notes])
+        error, seconds = f"{self.predicted_error:.2%}", f"{self.predicted_seconds:.2g} s"
+        total = f"{goal}: predicted error {error}, {seconds}{price}"
+        return "\n".join([*shown, total, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, strings, lists and dicts, for JSON."""
@@ -226,7 +230,13 @@ class Plan:
             PlanRow(**(row | {"levels": tuple(PlannedLevel(**level) for level in row["levels"])}))
             for row in found["rows"]
         )
-        names = ("tolerance", "budget", "predicted_seconds", "calibrated")
-        plan = cls(rows, *(found[name] for name in names), tuple(found["notes"]))
-        _ = plan.settings, [row.level for row in rows]
+        plan = cls(
+            rows,
+            found["tolerance"],
+            found["budget"],
+            found["predicted_seconds"],
+            found["calibrated"],
+            tuple(found["notes"]),
+        )
+        _ = plan.settings, plan.predicted_error
         return plan

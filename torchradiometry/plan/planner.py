@@ -127,16 +127,15 @@ State = tuple[int, ...]
 class _Search:
     """Levels of all effects, and what a choice of them costs."""
 
-    def __init__(
-        self, pilot: Pilot, effects: tuple[AbstractEffect, ...], costs: Costs
-    ) -> None:
+    def __init__(self, pilot: Pilot, effects: tuple[AbstractEffect, ...], costs: Costs) -> None:
         self.pilot, self.effects, self.costs = pilot, effects, costs
         self.levels: list[tuple[Level, ...]] = [effect.levels(pilot) for effect in effects]
         self._seconds: dict[State, float] = {}
 
     def settings(self, state: State) -> RenderSettings:
         """Of all levels together."""
-        return merged_settings(levels[n].settings for levels, n in zip(self.levels, state, strict=True))
+        chosen = zip(self.levels, state, strict=True)
+        return merged_settings(levels[n].settings for levels, n in chosen)
 
     def error(self, state: State) -> float:
         """Sum over the effects that apply."""

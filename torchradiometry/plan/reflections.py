@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["ENOUGH", "Reflections", "look_at_reflections"]
 
 #: edge of the pilot's patches, as a share of the half diagonal of the scene
-COARSE = 0.75
+COARSE = 0.9
 #: faces and patches up to which the pilot solves for reflected light
 MOST_FACES = 192
 #: bounces that stand for all

@@ -38,6 +38,9 @@ def open_scene(scene: str | Path, width: int, height: int) -> tuple[Scene, tuple
     """
     if str(scene) in STANDARD_SCENES and not Path(scene).exists():
         return STANDARD_SCENES[str(scene)](width, height), ()
+    if not Path(scene).suffix and not Path(scene).exists():
+        names = ", ".join(STANDARD_SCENES)
+        raise InputFileError(str(scene), "no such file", f"name a scene file, or one of: {names}")
     loaded = with_default_view(load_scene(scene), width=width, height=height)
     slight = loaded.require_renderable()
     first = replace(loaded.cameras[0], width=width, height=height)

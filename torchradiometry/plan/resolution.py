@@ -1,6 +1,7 @@
 """How much reflected light bends within a patch: a quick look before any patch is made.
 
-    bend(x) = | E_1(x) - sum_k w_k E_1(c_k) |,     E_1(x) = mean over directions of rho E_direct (hit)
+    bend(x) = | E_1(x) - sum_k w_k E_1(c_k) |
+    E_1(x)  = mean over cosine-weighted directions of rho E_direct where they meet a surface
 
 c_k are the corners of the patch that x would lie in, drawn a little towards its middle, and w_k the
 weights of x in it: what linear interpolation between exact corner values would miss. E_1 is the

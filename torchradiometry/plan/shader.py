@@ -67,6 +67,11 @@ class AmbientLight(nn.Module):
         emitter: the surface of each column of its weights.
     """
 
+    surface: Tensor
+    paint: Tensor
+    view: Tensor
+    weight: Tensor
+
     def __init__(
         self, exchange: AmbientExchange, surface: Tensor, paint: Tensor, emitter: Tensor
     ) -> None:
@@ -101,6 +106,11 @@ class ReflectedLight(nn.Module):
         emitter: the surface of each column of the patches' weights.
         patch, inside: which patch a ray lies in, and the weights of the patch's corners.
     """
+
+    surface: Tensor
+    paint: Tensor
+    patch: Tensor
+    inside: Tensor
 
     def __init__(
         self,
@@ -146,6 +156,13 @@ class PlannedShader(nn.Module):
         effects: names of what is included, for the printed form.
     """
 
+    pixel: Tensor
+    share: Tensor
+    surface: Tensor
+    paint: Tensor
+    albedo: Tensor
+    emission: Tensor
+
     def __init__(
         self,
         scene: Scene,
@@ -178,7 +195,8 @@ class PlannedShader(nn.Module):
             self.register_buffer(name, value.detach())
         emitter = surface[world.emitters.triangle]
         self.direct = DirectLight(samples.weights, samples.lamps, emitter)
-        self.ambient = self.reflected = None
+        self.ambient: AmbientLight | None = None
+        self.reflected: ReflectedLight | None = None
         if view.ambient is not None:
             place = view.ambient.sample.triangle
             self.ambient = AmbientLight(view.ambient, surface[place], patched[place], emitter)
@@ -204,15 +222,15 @@ class PlannedShader(nn.Module):
         Differentiable in: albedo, emission.
         Export: compile yes, ONNX yes (dense form factors).
         """
-        albedo = self.albedo if albedo is None else albedo.to(self.albedo)
-        emission = self.emission if emission is None else emission.to(self.emission)
-        irradiance = self.direct(emission)
+        paint = (self.albedo if albedo is None else albedo).to(self.albedo)
+        light = (self.emission if emission is None else emission).to(self.emission)
+        irradiance: Tensor = self.direct(light)
         if self.ambient is not None:
-            irradiance = irradiance + self.ambient(albedo, emission)
+            irradiance = irradiance + self.ambient(paint, light)
         if self.reflected is not None:
-            irradiance = irradiance + self.reflected(albedo, emission)
-        reflected = albedo[self.surface] * self.paint * irradiance / math.pi
-        radiance = (emission[self.surface] + reflected) * self.share.unsqueeze(-1)
+            irradiance = irradiance + self.reflected(paint, light)
+        reflected = paint[self.surface] * self.paint * irradiance / math.pi
+        radiance = (light[self.surface] + reflected) * self.share.unsqueeze(-1)
         height, width = self.size
         full = radiance.new_zeros(height * width, radiance.shape[-1])
         return full.index_add(0, self.pixel, radiance).mT.reshape(-1, height, width)

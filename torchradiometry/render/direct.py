@@ -71,8 +71,8 @@ def emitter_weights(
     blocks = []
     for part in points.split(max(1, BLOCK // len(emitters.corners))):
         pairs = (part.position.unsqueeze(1), part.normal.unsqueeze(1), emitters.corners)
-        exact = settings.penumbra and settings.extent and world.blockers is not None
-        if settings.shadow_samples > 0 and exact:
+        exact = settings.shadow_samples > 0 and settings.penumbra and settings.extent
+        if exact and world.blockers is not None:
             seen = visible_irradiance(*pairs, world.blockers, margin=world.rays.tolerance)
         else:
             seen = (polygon_irradiance if settings.extent else small_source_irradiance)(*pairs)
@@ -158,9 +158,12 @@ def lamp_irradiance(
     """
     total = points.position.new_zeros(len(points.position), world.scene.channels)
     sky = None
-    middle = points._replace(position=world.middle.expand_as(points.position))
+    middle = Receivers(world.middle.unsqueeze(0), points.normal[:1], points.facet[:1])
     for source in world.scene.sources:
-        arrival = _arrival(source, points) if settings.near else _distant(_arrival(source, middle))
+        if settings.near or not source.has_direction:
+            arrival = _arrival(source, points)
+        else:
+            arrival = _distant(_arrival(source, middle))
         if source.has_direction:
             seen = _lamp_visibility(world.rays, settings, arrival, points)
         else:

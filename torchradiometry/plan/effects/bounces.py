@@ -4,11 +4,17 @@
     ambient     one number stands for it, calibrated by the balance of light (`render.ambient`)
     k bounces   E_1 ... E_k on patches, and a calibrated ambient tail for the rest
 
-A bounce keeps at most the share q of the light, q the largest albedo: what k bounces miss is at
-most q^(k+1) of all light. The pilot's own series is mostly far below that.
+No point receives more than E_max directly (pi times the largest radiance, and what distant lamps
+send), and a bounce keeps at most the share q of it, q the largest albedo. So k bounces miss at most
+
+    E_max q^(k+1) / (1 - q)      at every point,
+
+a bound; the pilot's own series is mostly far below it.
 """
 
 from __future__ import annotations
+
+import math
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
@@ -38,8 +44,7 @@ class Interreflection(AbstractEffect):
         missing = pilot.mean_error(found.irradiance)
         # what the pilot's own patches blur adds to how uneven reflected light is
         blur = pilot.patch_error(COARSE * pilot.world.rays.scale)
-        bound = min(found.decay, 1.0)
-        missing, kind = min((missing, "estimate"), (bound, "bound"))
+        missing, kind = min((missing, "estimate"), (_bound(pilot, 0), "bound"))
         levels = [
             Level("left out", missing, kind, none),
             Level(
@@ -53,8 +58,7 @@ class Interreflection(AbstractEffect):
             return tuple(levels)
         for count in BOUNCES:
             left = MARGIN * pilot.mean_error(found.irradiance - found.after(count))
-            bound = min(found.decay, 1.0) ** (count + 1)
-            error, kind = min((left, "estimate"), (bound, "bound"))
+            error, kind = min((left, "estimate"), (_bound(pilot, count), "bound"))
             settings = {"bounces": count, "ambient": False}
             levels.append(Level(f"{count} bounces", error, kind, settings))
         # more bounces never help where fewer already leave nothing
@@ -71,6 +75,18 @@ class Interreflection(AbstractEffect):
         if level.name == "ambient":
             return "reflected light is nearly even"
         return f"surfaces see each other; albedos up to {found.decay:.2g}"
+
+
+def _bound(pilot: Pilot, bounces: int) -> float:
+    """Largest relative L1 error by what is left after some bounces; infinite beside near lamps."""
+    q = pilot.reflections.decay
+    if q >= 1 or any(s.needs_position or not s.has_direction for s in pilot.scene.sources):
+        return math.inf
+    largest = math.pi * float(pilot.world.triangles.emission.max())
+    for source in pilot.scene.sources:
+        largest += float(source(None, pilot.points.normal[:1]).irradiance.detach().sum(0).max())
+    reflected = float(pilot.albedo.sum()) / pilot.light
+    return reflected * largest * q ** (bounces + 1) / (1 - q)
 
 
 def _until_negligible(levels: list[Level]) -> list[Level]:

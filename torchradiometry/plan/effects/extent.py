@@ -19,11 +19,9 @@ class SourceExtent(AbstractEffect):
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         if len(pilot.world.emitters.corners) == 0:
             return (Level("left out", 0.0, "exact", {"extent": False}),)
-        error = pilot.direct_error(replace(FINE, extent=False, shadow_samples=0))
-        error = max(error - pilot.direct_error(replace(FINE, shadow_samples=0)), 0.0)
-        lit = pilot.direct_error(replace(FINE, extent=False))
+        error = pilot.direct_error(replace(FINE, extent=False))
         return (
-            Level("left out", max(error, lit), "estimate", {"extent": False}),
+            Level("left out", error, "estimate", {"extent": False}),
             Level("exact", 0.0, "exact", {"extent": True}),
         )
 

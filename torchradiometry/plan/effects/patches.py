@@ -1,8 +1,8 @@
 """Patch size: how finely reflected light is resolved.
 
-The pilot looks how much reflected light bends within coarse patches (`resolution`). The error falls
-about in proportion to the longest edge, where faces are larger than that; smaller faces stay as they
-are.
+The pilot looks how much reflected light bends within coarse patches (`resolution`). The error
+falls about in proportion to the longest edge, where faces are larger than that; smaller faces stay
+as they are.
 """
 
 from __future__ import annotations
