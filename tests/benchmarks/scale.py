@@ -1,9 +1,10 @@
 """Radiosity of large scenes: `python -m tests.benchmarks.scale [--patches N ...]`.
 
 A closed room with two boxes and a ceiling panel, and a round one (icosphere) with a ring in it,
-cut into more and more patches: time of links (with visibility), closing and solving, peak memory,
-and up to `--dense` patches the relative L1 error of the radiosity, area weighted, against the
-dense matrix of the same patches in the same run. The fitted exponent of the time stands last.
+cut into more and more patches (on request also furnished rooms: `--scene crates`): time of links
+(with visibility), closing and solving, peak memory, and up to `--dense` patches the relative L1
+error of the radiosity, area weighted, against the dense matrix of the same patches in the same
+run. The fitted exponent of the time stands last.
 Every size is a process of its own, so that its peak memory is its own.
 
 The dense reference has four times the default number of shadow segments; the column "dense"
@@ -23,6 +24,7 @@ import torch
 import trimesh
 from torch import Tensor
 
+from tests.benchmarks.furnished import crates, doors, table
 from torchradiometry import (
     ConjugateGradient,
     DenseOperator,
@@ -74,6 +76,8 @@ def rounded(count: int) -> tuple[Patches, Tensor, Tensor, Tensor]:
 
 
 SCENES = {BOXES: boxes, ROUND: rounded}
+#: for `--scene`, against the dense matrix
+FURNISHED = {"crates": crates, "table": table, "two rooms": doors}
 
 
 def difference(found: Tensor, expected: Tensor, area: Tensor, where: Tensor) -> float:
@@ -91,7 +95,7 @@ def dense(patches: Patches, rays: EmbreeRays, closed: bool, samples: int) -> Abs
 
 def measured(name: str, count: int, limit: int) -> str:
     """One line of the table."""
-    patches, albedo, exitance, solid = SCENES[name](count)
+    patches, albedo, exitance, solid = (SCENES | FURNISHED)[name](count)
     # boxes stand on the floor and hide some of it: only the round room's rows are all 1
     closed = name == ROUND
     began, used = time.perf_counter(), time.process_time()
@@ -144,7 +148,7 @@ def exponents(rows: list[str]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--patches", type=int, nargs="*", default=SIZES)
-    parser.add_argument("--scene", choices=list(SCENES), nargs="*", default=list(SCENES))
+    parser.add_argument("--scene", choices=[*SCENES, *FURNISHED], nargs="*", default=list(SCENES))
     parser.add_argument("--larger", action="store_true", help=f"{LARGER} patches as well")
     parser.add_argument("--dense", type=int, default=5_500, help="largest dense reference")
     parser.add_argument("--one", action="store_true", help="one line, in this process")

@@ -12,8 +12,20 @@ from torchradiometry.errors import (
     ShapeError,
 )
 from torchradiometry.scene.build import box, sphere
-from torchradiometry.transport.exchange_links import ExchangeLinks, exchange_links
-from torchradiometry.transport.links import Refinement
+from torchradiometry.transport.cluster_tree import cluster_tree
+from torchradiometry.transport.exchange import unoccluded_exchange
+from torchradiometry.transport.exchange_links import (
+    PATCH_BYTES,
+    ExchangeLinks,
+    exchange_links,
+)
+from torchradiometry.transport.link_visibility import (
+    first_look,
+    looked_again,
+    may_be_blocked,
+    sight,
+)
+from torchradiometry.transport.links import Pairs, Refinement
 
 
 def corners_of(*surfaces) -> Tensor:
@@ -122,6 +134,34 @@ def test_blockers_cast_the_shadows_of_the_dense_matrix(caster: type) -> None:
     assert float((found.sum(1) - exact.sum(1)).abs().sum() / exact.sum()) < 5e-3
 
 
+def test_a_lamp_below_a_ceiling_is_not_taken_for_a_part_of_it() -> None:
+    lamp = corners_of(box("lamp", (0.6, 0.1, 0.4), (0.1, 0.44, 0), sides=("bottom",)))
+    patches, parent = subdivide(Patches(torch.cat((WALLS, lamp))), 0.3)
+    shines = parent >= len(WALLS)
+    expected = unoccluded_exchange(patches, 1e-4)[shines].sum()
+    found = dense(exchange_links(patches, limits=Refinement(1e-3)))[shines].sum()
+    assert abs(float(found / expected) - 1) < 1e-3
+
+
+def test_further_segments_go_where_they_help() -> None:
+    solid = torch.cat((WALLS, CRATE))
+    patches = subdivide(Patches(solid), 0.5)[0]
+    tree, rays = cluster_tree(patches), EmbreeRays(solid)
+    view = sight(tree, patches, rays, seed=0)
+    leaves = tree.leaf.sort().values
+    pairs = Pairs(*(t.flatten() for t in torch.meshgrid(leaves, leaves, indexing="ij")))
+    number = may_be_blocked(view, pairs) * 4
+    before = first_look(view, pairs, number)
+    total = 4 * int(number.sum())
+    after = looked_again(view, pairs, before, torch.ones(len(number)).double(), total)
+    more = after.drawn - before.drawn
+    assert 0 < int(more.sum()) <= total
+    assert not bool(more[number == 0].any())
+    mixed = (before.free > 0) & (before.free < before.valid)
+    assert float(more[mixed].double().mean()) > 2 * float(more[number > 0].double().mean())
+    assert bool((after.visibility[number == 0] == 1).all())
+
+
 def test_patches_without_area_exchange_nothing() -> None:
     corners = ROOM.corners.clone()
     corners[3] = corners[3, :1]
@@ -142,4 +182,4 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(ResourceLimitError, match=f"{ROOM.count} patches.* bytes of 1000"):
         exchange_links(ROOM, budget=1000)
     with pytest.raises(ResourceLimitError, match="links between clusters"):
-        exchange_links(ROOM, limits=Refinement(1e-4), budget=2048 * ROOM.count + 1000)
+        exchange_links(ROOM, limits=Refinement(1e-4), budget=PATCH_BYTES * ROOM.count + 1000)

@@ -98,4 +98,4 @@ def hierarchical_operator(
 def _limits(tolerance: float) -> Refinement:
     """The limits that were measured to keep `tolerance`."""
     part = tolerance / TOLERANCE
-    return Refinement(error=2e-4 * part, shadow=1e-2 * part, penumbra=3e-4 * part)
+    return Refinement(error=1.4e-4 * part, shadow=3e-3 * part, penumbra=3e-4 * part)

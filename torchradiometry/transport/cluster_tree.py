@@ -1,12 +1,14 @@
 """A binary tree over patches: what lies together and looks the same way stands together.
 
 Clusters are split level by level, all clusters of a level at once: by their normals (at the
-middle of the component that varies most) while these differ much, else at the median along
-their longest side. Walls thus fall apart from each other first, and a cluster far down the
-tree is a small, nearly flat piece of surface. The members of a cluster are neighbours in
-`order`; its two children follow each other.
+middle of the component that varies most) while these differ much; then by their height along
+the mean normal while this varies more than their normals explain (a lamp below a ceiling, the
+tops of boxes); else at the median along their longest side. Walls thus fall apart from each
+other first, and a cluster far down the tree is a small, nearly flat piece of surface. The
+members of a cluster are neighbours in `order`; its two children follow each other.
 
     centre  c = sum A_i x_i / sum A_i        radius  r = max |corner - c|
+                                             thick   t = max |a . (corner - c)|
     axis    a = sum A_i n_i / |...|          cone    max angle(n_i, a)
 
 References: P. Hanrahan, D. Salzman and L. Aupperle, "A Rapid Hierarchical Radiosity
@@ -31,6 +33,8 @@ __all__ = ["ClusterTree", "cluster_tree"]
 
 #: clusters whose normals differ by more than this in a component are split by it
 NORMAL_SPREAD = 0.5
+#: clusters less than this many times as long as their steps are high are split by height
+FLATNESS = 64.0
 
 
 class ClusterTree(NamedTuple):
@@ -44,7 +48,7 @@ class ClusterTree(NamedTuple):
         start, size: the members are `order[start : start + size]`.
         leaf: the leaf of each patch.
         area: m2; degenerate patches count as the smallest other one.
-        centre, radius, axis, cone: see above; m, m, unit, radians.
+        centre, radius, thick, axis, cone: see above; m, m, m, unit, radians.
     """
 
     order: Int[Tensor, "patch"]
@@ -57,6 +61,7 @@ class ClusterTree(NamedTuple):
     area: Float[Tensor, "cluster"]
     centre: Float[Tensor, "cluster 3"]
     radius: Float[Tensor, "cluster"]
+    thick: Float[Tensor, "cluster"]
     axis: Float[Tensor, "cluster 3"]
     cone: Float[Tensor, "cluster"]
 
@@ -94,11 +99,11 @@ def cluster_tree(patches: Patches) -> ClusterTree:
     leaf[order[start[leaves]]] = leaves
     empty = patches.corners.new_zeros(0)
     bare = ClusterTree(
-        order, levels, parent, child, start, size, leaf, *(empty,) * 5
+        order, levels, parent, child, start, size, leaf, *(empty,) * 6
     )  # fmt: skip
     area, centre, axis = _means(bare, patches)
-    radius, cone = _reach(bare, patches, centre, axis)
-    return bare._replace(area=area, centre=centre, radius=radius, axis=axis, cone=cone)
+    radius, thick, cone = _reach(bare, patches, centre, axis)
+    return bare._replace(area=area, centre=centre, radius=radius, thick=thick, axis=axis, cone=cone)
 
 
 def _places(start: Tensor, size: Tensor) -> tuple[Tensor, Tensor]:
@@ -141,23 +146,30 @@ def _cut(
     """How many members go to the first child, and the order in which they then stand."""
     member = order[place]
     values = features[member]
-    index = owner.unsqueeze(-1).expand_as(values)
+    index = owner.unsqueeze(-1)
+    facing = values.new_zeros(len(size), 3).index_add(0, owner, values[:, :3])
+    height = (safe_normalize(facing)[owner] * values[:, 3:]).sum(-1, keepdim=True)
+    values = torch.cat((values, height), -1)
+    index = index.expand_as(values)
     low, high = (
-        torch.full((len(size), 6), fill, dtype=values.dtype, device=values.device).scatter_reduce(
+        torch.full((len(size), 7), fill, dtype=values.dtype, device=values.device).scatter_reduce(
             0, index, values, reduction
         )
         for fill, reduction in ((torch.inf, "amin"), (-torch.inf, "amax"))
     )
     spread = high - low
-    by_normal = spread[:, :3].amax(-1) > NORMAL_SPREAD
-    axis = torch.where(by_normal, spread[:, :3].argmax(-1), 3 + spread[:, 3:].argmax(-1))
+    turned, longest, step = spread[:, :3].amax(-1), spread[:, 3:6].amax(-1), spread[:, 6]
+    by_normal = turned > NORMAL_SPREAD
+    by_height = step > longest * (1 / FLATNESS + turned)
+    axis = torch.where(by_height, 6, 3 + spread[:, 3:6].argmax(-1))
+    axis = torch.where(by_normal, spread[:, :3].argmax(-1), axis)
     lowest, extent = (t.gather(1, axis.unsqueeze(-1)).squeeze(-1) for t in (low, spread))
     value = values.gather(1, axis[owner].unsqueeze(-1)).squeeze(-1)
     share = guarded_divide(value - lowest[owner], extent[owner])
     # one key for both: the whole part is the cluster, the fraction the place in it
     ranked = torch.argsort(owner.to(share) + share * (1 - 2.0**-10), stable=True)
     below = torch.zeros_like(size).index_add(0, owner, (share <= 0.5).to(size))
-    cut = torch.where(by_normal, below, size // 2)
+    cut = torch.where(by_normal | by_height, below, size // 2)
     order = order.clone()
     order[place] = member[ranked]
     return cut, order
@@ -184,13 +196,17 @@ def _means(tree: ClusterTree, patches: Patches) -> tuple[Tensor, Tensor, Tensor]
 
 def _reach(
     tree: ClusterTree, patches: Patches, centre: Tensor, axis: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Radius about the centre and opening of the cone of normals."""
-    radius, cosine = torch.zeros_like(centre[:, 0]), torch.ones_like(centre[:, 0])
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Radius about the centre, reach along the axis, and opening of the cone of normals."""
+    radius, thick = torch.zeros_like(centre[:, 0]), torch.zeros_like(centre[:, 0])
+    cosine = torch.ones_like(radius)
     normal = patches.normal
     for number in range(tree.depth):
         cluster, patch = tree.members(number)
-        away = (patches.corners[patch] - centre[cluster].unsqueeze(1)).square().sum(-1).amax(-1)
-        radius.scatter_reduce_(0, cluster, away.sqrt(), "amax")
+        away = patches.corners[patch] - centre[cluster].unsqueeze(1)
+        reach = away.square().sum(-1).amax(-1).sqrt()
+        height = (away * axis[cluster].unsqueeze(1)).sum(-1).abs().amax(-1)
+        radius.scatter_reduce_(0, cluster, reach, "amax")
+        thick.scatter_reduce_(0, cluster, height, "amax")
         cosine.scatter_reduce_(0, cluster, (normal[patch] * axis[cluster]).sum(-1), "amin")
-    return radius, safe_acos(cosine)
+    return radius, thick, safe_acos(cosine)

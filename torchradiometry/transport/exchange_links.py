@@ -29,13 +29,15 @@ from torchradiometry.errors import (
     ShapeError,
 )
 from torchradiometry.geometry.patches import Patches
-from torchradiometry.numerics import wide
+from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.cluster_nodes import ClusterNodes, cluster_nodes
 from torchradiometry.transport.cluster_tree import ClusterTree, cluster_tree
 from torchradiometry.transport.exchange import polygon_exchange
 from torchradiometry.transport.link_visibility import (
+    Seen,
     Sight,
-    link_visibility,
+    first_look,
+    looked_again,
     may_be_blocked,
     sight,
 )
@@ -45,6 +47,7 @@ from torchradiometry.transport.links import (
     children,
     damped,
     kernels,
+    segments,
     single,
     sorted_out,
 )
@@ -60,7 +63,7 @@ DEFAULT = Refinement()
 #: pairs that are looked at at a time
 BLOCK = 2**17
 #: bytes of a patch (tree, nodes, transfers and what making them takes), a link, a near pair
-PATCH_BYTES, LINK_BYTES, NEAR_BYTES = 2048, 2 * 88, 3 * 24
+PATCH_BYTES, LINK_BYTES, NEAR_BYTES = 2**12, 2 * 112, 3 * 48
 
 
 class ExchangeLinks(NamedTuple):
@@ -90,12 +93,13 @@ class ExchangeLinks(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """Links with their kernels, and pairs of leaves with their visibility."""
+    """Links with their kernels, pairs of leaves, and what both saw."""
 
     links: Pairs
     kernel: Float[Tensor, "link 3 3"]
+    seen: Seen
     near: Pairs
-    visibility: Float[Tensor, "near"]
+    near_seen: Seen
 
 
 class _World(NamedTuple):
@@ -144,26 +148,43 @@ def exchange_links(
         metres = tree._replace(
             centre=tree.centre * scale + middle,
             radius=tree.radius * scale,
+            thick=tree.thick * scale,
             area=tree.area * scale**2,
         )
         view = sight(metres, Patches(corners), rays, seed)
     world = _World(tree, cluster_nodes(tree, unit), view, limits)
     found = _visited(world, budget - PATCH_BYTES * patches.count)
     i, j = (tree.order[tree.start[k]] for k in found.near)
-    near = polygon_exchange(unit.corners[i], unit.corners[j], limits.near) * found.visibility
-    seen = near > 0
+    near = polygon_exchange(unit.corners[i], unit.corners[j], limits.near)
+    seen, seen_near = _visibility(world, found, near)
+    lit, left = seen > 0, near * seen_near > 0
     return ExchangeLinks(
         unit.area * scale**2,
         tree.leaf,
         tree.parent,
         tree.levels,
         world.nodes.transfer,
-        *found.links,
-        found.kernel / scale**2,
-        i[seen],
-        j[seen],
-        near[seen] * scale**2,
+        *found.links.at(lit),
+        found.kernel[lit] * seen[lit, None, None] / scale**2,
+        i[left],
+        j[left],
+        (near * seen_near)[left] * scale**2,
     )
+
+
+def _visibility(
+    world: _World, found: _Found, near: Float[Tensor, "near"]
+) -> tuple[Float[Tensor, "link"], Float[Tensor, "near"]]:
+    """Of links and near pairs, after further segments where they help most."""
+    seen, count = found.seen.joined(found.near_seen), len(found.kernel)
+    if world.view is not None:
+        area = world.tree.area
+        contact = guarded_divide(near, area[found.near.first] * area[found.near.second])
+        kernel = torch.cat((found.kernel.mean((1, 2)), contact))
+        total = world.limits.more * int((seen.drawn > 0).sum())
+        pairs = found.links.joined(found.near)
+        seen = looked_again(world.view, pairs, seen, kernel, total)
+    return seen.visibility.split((count, len(near)))
 
 
 def _check(patches: Patches, limits: Refinement, budget: int) -> None:
@@ -208,18 +229,19 @@ def _visited(world: _World, budget: int) -> _Found:
             fresh, more = _visit(world, Pairs(*block))
             found.append(fresh)
             split.append(more)
-            spent += LINK_BYTES * len(fresh.kernel) + NEAR_BYTES * len(fresh.visibility)
+            spent += LINK_BYTES * len(fresh.kernel) + NEAR_BYTES * len(fresh.near.first)
             waiting = 16 * sum(len(t.first) for t in (front, *split))
             _afford(spent + waiting, budget, "links between clusters")
         front = split[0].joined(*split[1:])
     if not found:
         found = [_visit(world, front)[0]]
-    links, kernel, near, visibility = zip(*found, strict=True)
+    links, kernel, seen, near, near_seen = zip(*found, strict=True)
     return _Found(
         links[0].joined(*links[1:]),
         torch.cat(kernel),
+        seen[0].joined(*seen[1:]),
         near[0].joined(*near[1:]),
-        torch.cat(visibility),
+        near_seen[0].joined(*near_seen[1:]),
     )
 
 
@@ -228,33 +250,20 @@ def _visit(world: _World, pairs: Pairs) -> tuple[_Found, Pairs]:
     tree, nodes, view, limits = world
     share, linked, near, split = sorted_out(tree, pairs, limits)
     blocked = torch.zeros_like(linked)
-    if view is not None:
-        asked = torch.nonzero(linked | near).squeeze(-1)
-        blocked[asked] = may_be_blocked(view, pairs.at(asked))
-        coarse = linked & blocked & (share > limits.shadow) & ~single(tree, pairs)
-        linked, split = linked & ~coarse, split | coarse
-    large = share > limits.penumbra
+    asked = torch.nonzero(linked | near).squeeze(-1)
+    blocked[asked] = may_be_blocked(view, pairs.at(asked))
+    alone = single(tree, pairs)
+    coarse = linked & blocked & (share > limits.shadow) & ~alone
+    linked, split = linked & ~coarse, split | coarse
     left, next_ones = pairs.at(near), children(tree, pairs.at(split))
     kernel = kernels(nodes, tree, pairs.at(linked))
     some = kernel.amax((1, 2)) > 0
     lit, kernel = torch.nonzero(linked).squeeze(-1)[some], kernel[some]
     links = pairs.at(lit)
-    visibility = kernel.new_ones(len(left.first))
-    if view is not None:
-        seen = _looked(view, links, large[lit], blocked[lit], limits)
-        visibility = _looked(view, left, large[near], blocked[near], limits)
-        mixed = (seen > 0) & (seen < 1) & large[lit] & ~single(tree, links)
-        next_ones = next_ones.joined(children(tree, links.at(mixed)))
-        kept = (seen > 0) & ~mixed
-        links, kernel = links.at(kept), kernel[kept] * seen[kept, None, None]
-        left, visibility = left.at(visibility > 0), visibility[visibility > 0]
-    return _Found(links, damped(kernel, nodes, links), left, visibility), next_ones
-
-
-def _looked(
-    view: Sight, pairs: Pairs, large: Tensor, blocked: Tensor, limits: Refinement
-) -> Float[Tensor, "pair"]:
-    """Visibility of pairs; 1 unless something may lie between."""
-    where = torch.nonzero(blocked).squeeze(-1)
-    seen = link_visibility(view, pairs.at(where), large[where], limits)
-    return torch.ones_like(large, dtype=seen.dtype).index_copy(0, where, seen)
+    large = (share > limits.penumbra) & ~alone
+    number = blocked * segments(share, large, limits)
+    seen, near_seen = first_look(view, links, number[lit]), first_look(view, left, number[near])
+    mixed = (seen.free > 0) & (seen.free < seen.valid) & large[lit]
+    next_ones = next_ones.joined(children(tree, links.at(mixed)))
+    links, kernel, seen = links.at(~mixed), kernel[~mixed], seen.at(~mixed)
+    return _Found(links, damped(kernel, nodes, links), seen, left, near_seen), next_ones

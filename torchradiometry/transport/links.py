@@ -8,14 +8,15 @@ visited from the root down, a whole generation at once. A pair (I, J) is
 * dropped if no member can face another. With w the direction between two points
   (n . w)(-n' . w) <= sin^2(angle(n, n') / 2), so that coplanar walls vanish at once;
 * linked if the error of the light it carries is below `tolerance` / LINKS of all that the
-  larger cluster sends: share F of the light times (r_I + r_J)^2 / d^2, since the nodes
-  (`cluster_nodes`) follow the kernel to first order;
+  larger cluster sends: share F of the light times (r_I^2 + r_J^2) / d^2 + (t_I + t_J) / d.
+  The nodes (`cluster_nodes`) follow the kernel to first order along the cluster, and not at all
+  across it: t is how far its members lie off the plane through its centre;
 * integrated exactly if both are single patches;
 * split (the larger one) otherwise.
 
 A pair that something may stand between is linked only below a share that a shadow may hide
-in, and looked along its 9 segments between points of sight: hidden pairs are dropped, mixed
-ones are split further while they matter. What varies over a link is damped until no entry of
+in, and looked along (`link_visibility`): hidden pairs are dropped, mixed ones are split
+further while they matter. What varies over a link is damped until no entry of
 H is negative; its total stays.
 
 References: P. Hanrahan, D. Salzman and L. Aupperle, SIGGRAPH 1991; B. Smits, J. Arvo and
@@ -41,6 +42,8 @@ __all__ = ["Pairs", "Refinement"]
 
 #: shares of light below this part of the accuracy are left out
 NEGLIGIBLE = 2.0**-10
+#: times that the first segments of a pair that can be split are doubled at most
+DOUBLINGS = 2
 
 
 class Refinement(NamedTuple):
@@ -51,11 +54,11 @@ class Refinement(NamedTuple):
         shadow: largest share of light on a link that something may stand between.
         penumbra: largest share of light on a link that is seen in part.
         near: relative error of the exact entries.
-        samples, more: segments per link, and further ones where these disagree.
+        samples, more: segments per link at first, and further ones in the mean.
     """
 
-    error: float = 2e-4
-    shadow: float = 1e-2
+    error: float = 1.4e-4
+    shadow: float = 3e-3
     penumbra: float = 3e-4
     near: float = 1e-3
     samples: int = 4
@@ -107,8 +110,9 @@ def shares(tree: ClusterTree, pairs: Pairs) -> tuple[Float[Tensor, "pair"], Floa
     area = torch.maximum(tree.area[i], tree.area[j])
     share = area * product / (math.pi * square + area)
     # a leaf stands for itself: light need not vary over it
-    size = torch.where(tree.child < 0, 0, tree.radius).square()
-    curve = torch.where(overlapping, 1, guarded_divide(size[i] + size[j], square))
+    size, thick = (torch.where(tree.child < 0, 0, t) for t in (tree.radius.square(), tree.thick))
+    bent = size[i] + size[j] + (thick[i] + thick[j]) * distance
+    curve = torch.where(overlapping, 1, guarded_divide(bent, square))
     return share, torch.where(partial, ratio, curve + ratio**4)
 
 
@@ -122,6 +126,19 @@ def sorted_out(
     fine = share * wrong <= limits.error
     dark = (share <= limits.error * NEGLIGIBLE) | (own & (alone | fine))
     return share, fine & ~dark, alone & ~fine & ~dark, ~alone & ~fine & ~dark
+
+
+def segments(
+    share: Float[Tensor, "pair"], large: Bool[Tensor, "pair"], limits: Refinement
+) -> Int[Tensor, "pair"]:
+    """How many to look along at first: `samples`; of `large` pairs twice as many.
+
+    Twice as many again for every time that their share of light is twice as large.
+    """
+    more = torch.zeros_like(share)
+    for number in range(DOUBLINGS):
+        more = more + (large & (share > limits.penumbra * 2**number))
+    return limits.samples * (2**more).to(torch.int32)
 
 
 def single(tree: ClusterTree, pairs: Pairs) -> Bool[Tensor, "pair"]:
