@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry import export, geometry, materials, shade, solve, sources, transport
+from torchradiometry import export, geometry, materials, plan, shade, solve, sources, transport
 
 
 class Sizes(NamedTuple):
@@ -267,6 +267,17 @@ ADJOINTS: list[Case] = [
 
 TRANSPORT: list[Case] = [
     Case("unoccluded_form_factors", transport.UnoccludedFormFactors, lambda t: transport.UnoccludedFormFactors(6), triangles),
+]
+
+EFFECTS: list[object] = [
+    plan.CastShadows,
+    plan.ColourBleeding,
+    plan.FallOff,
+    plan.Interreflection,
+    plan.PatchSize,
+    plan.Penumbra,
+    plan.SourceExtent,
+    plan.Supersampling,
 ]
 
 RAY_CASTERS: list[object] = [

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests import cases
-from torchradiometry import materials, shade, solve, sources, transport
+from torchradiometry import materials, plan, shade, solve, sources, transport
 from torchradiometry.transport.rays import AbstractRayCaster
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -17,6 +17,7 @@ FAMILIES = {
     "materials": (materials, materials.AbstractMaterial, cases.MATERIALS),
     "transport": (transport, AbstractRayCaster, cases.RAY_CASTERS),
     "solve": (solve, solve.AbstractAdjoint, cases.ADJOINTS),
+    "plan": (plan, plan.AbstractEffect, cases.EFFECTS),
 }
 
 
@@ -67,6 +68,7 @@ def test_every_layer_and_solver_is_tested_and_documented(room: object) -> None:
         solve.AbstractOperator,
         solve.AbstractSolver,
         solve.AbstractAdjoint,
+        plan.AbstractEffect,
     ],
 )
 def test_classes_are_abstract_or_final(base: type) -> None:

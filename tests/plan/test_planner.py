@@ -255,7 +255,9 @@ def test_prices_are_kept_and_hostile_ones_refused(tmp_path: Path) -> None:
         plan.Costs.load(path)
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [("ball", 0.05), ("cornell", 0.3), ("groove", 0.05)])
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [("ball", 0.05), ("cornell", 0.3), ("groove", 0.05)]
+)
 def test_the_shader_runs_in_onnxruntime(name: str, tolerance: float, tmp_path: Path) -> None:
     made = STANDARD_SCENES[name](16, 12)
     shader = planned(made, tolerance).build()

@@ -107,7 +107,7 @@ def test_more_bounces_never_darken_and_the_tail_helps() -> None:
         assert (tail.bound < plain.bound).all()
         previous = plain.radiosity
         assert plain.iterations == bounces + 1
-        assert tail.iterations == bounces + 6  # two for the tail, three for its bound
+        assert tail.iterations == bounces + 7  # three for the tail, three for its bound
 
 
 def test_albedo_zero_and_no_light() -> None:

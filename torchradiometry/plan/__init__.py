@@ -2,7 +2,17 @@
 
 from torchradiometry.plan.costs import Costs, calibrate, stored_costs
 from torchradiometry.plan.effect import AbstractEffect, Level
-from torchradiometry.plan.effects import EFFECTS
+from torchradiometry.plan.effects import (
+    EFFECTS,
+    CastShadows,
+    ColourBleeding,
+    FallOff,
+    Interreflection,
+    PatchSize,
+    Penumbra,
+    SourceExtent,
+    Supersampling,
+)
 from torchradiometry.plan.ladder import Rung, ladder
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.plan.plan import Plan, PlannedLevel, PlanRow
@@ -16,10 +26,16 @@ __all__ = [
     "EFFECTS",
     "AbstractEffect",
     "AmbientLight",
+    "CastShadows",
+    "ColourBleeding",
     "Costs",
     "DirectLight",
+    "FallOff",
+    "Interreflection",
     "Level",
     "Measured",
+    "PatchSize",
+    "Penumbra",
     "Pilot",
     "Plan",
     "PlanRow",
@@ -28,6 +44,8 @@ __all__ = [
     "Planner",
     "ReflectedLight",
     "Rung",
+    "SourceExtent",
+    "Supersampling",
     "Tradeoff",
     "calibrate",
     "ladder",

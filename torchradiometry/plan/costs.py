@@ -32,25 +32,26 @@ from torchradiometry.scene.standard import STANDARD_SCENES
 
 __all__ = ["Costs", "calibrate", "counts", "stored_costs"]
 
-#: seconds each on one core of an ordinary processor
-DEFAULT = {
-    "start": 5e-3,
-    "triangle": 4e-7,
-    "ray": 2.5e-6,
-    "batch": 4e-3,
-    "lamp point": 5e-6,
-    "polygon point": 6e-6,
-    "shadow ray": 2.5e-6,
-    "clipped point": 1.5e-6,
-    "patch": 6e-5,
-    "pair": 2e-6,
-    "blocked pair": 2e-6,
-    "clustered patch": 8e-4,
-    "bounce pair": 2e-9,
-    "picture": 1e-3,
-    "bounce": 1e-4,
-    "surface point": 2e-7,
+#: seconds each on one core of an ordinary processor, in millionths
+MICROSECONDS = {
+    "start": 5000,
+    "triangle": 0.4,
+    "ray": 2.5,
+    "batch": 4000,
+    "lamp point": 5,
+    "polygon point": 6,
+    "shadow ray": 2.5,
+    "clipped point": 1.5,
+    "patch": 60,
+    "pair": 2,
+    "blocked pair": 2,
+    "clustered patch": 800,
+    "bounce pair": 0.002,
+    "picture": 1000,
+    "bounce": 100,
+    "surface point": 0.2,
 }
+DEFAULT = {name: price / 1_000_000 for name, price in MICROSECONDS.items()}
 #: weight of the default's proportions where pictures leave prices open
 WEAKLY = 0.05
 #: largest logarithm of a price over the default's

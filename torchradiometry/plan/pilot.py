@@ -57,11 +57,11 @@ class _Lit(NamedTuple):
 
     Attributes:
         seen: irradiance of the pilot points, W/m2.
-        power: sum of rho E over points of all surfaces, W/m2.
+        power: rho E on points of all surfaces, sum of channels, W/m2.
     """
 
     seen: Float[Tensor, "point channel"]
-    power: float
+    power: Float[Tensor, "sample"]
 
 
 class Pilot:
@@ -150,8 +150,8 @@ class Pilot:
         light = self._direct_at(Receivers(*(torch.cat(pair) for pair in parts)), settings)
         seen, everywhere = light.split((len(found.face), len(sample.triangle)))
         albedo = self.world.triangles.albedo[sample.triangle].double()
-        power = (sample.weight.unsqueeze(-1) * albedo * everywhere).sum()
-        return _Lit(seen, float(power))
+        power = sample.weight * (albedo * everywhere).sum(-1)
+        return _Lit(seen, power)
 
     @cached_property
     def _fully_lit(self) -> _Lit:
@@ -211,10 +211,13 @@ class Pilot:
         """
         found, full = self._lit(settings), self._fully_lit
         error = self.mean_error(found.seen - full.seen)
-        if self.light <= 0 or full.power <= 0:
+        power = float(full.power.sum())
+        if self.light <= 0 or power <= 0:
             return error
         reflected = float((self.albedo * self.reflections.irradiance).sum()) / self.light
-        return error + reflected * abs(found.power / full.power - 1)
+        off = found.power - full.power
+        wrong = float(off.sum().abs()) + ERRORS * math.sqrt(len(off)) * float(off.std())
+        return error + reflected * wrong / power
 
     @cached_property
     def _bends(self) -> tuple[Float[Tensor, "point"], Float[Tensor, "point"]]:

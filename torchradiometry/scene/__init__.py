@@ -5,12 +5,14 @@ from torchradiometry.scene.defaults import default_camera, default_light, with_d
 from torchradiometry.scene.from_trimesh import surface_from_trimesh
 from torchradiometry.scene.load import SCENE_ENDINGS, load_scene
 from torchradiometry.scene.scene import Scene, Triangles
+from torchradiometry.scene.standard import STANDARD_SCENES
 from torchradiometry.scene.surface import Surface, Texture
 from torchradiometry.scene.validate import Fault
 from torchradiometry.scene.write import save_scene
 
 __all__ = [
     "SCENE_ENDINGS",
+    "STANDARD_SCENES",
     "Fault",
     "Scene",
     "Surface",

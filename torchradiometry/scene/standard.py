@@ -48,14 +48,14 @@ def ball(width: int, height: int) -> Scene:
 
 
 def groove(width: int, height: int) -> Scene:
-    """Two planes at 60 degrees: cast shadow, and reflexes that brighten the groove."""
+    """Two planes at 60 degrees: one shades the other, and both brighten the groove by reflexes."""
     run, rise = math.sin(math.radians(30)), math.cos(math.radians(30))
     sides = [
         quad("left", [[0, 0, 1], [0, 0, -1], [-run, rise, -1], [-run, rise, 1]], albedo=0.7),
         quad("right", [[0, 0, -1], [0, 0, 1], [run, rise, 1], [run, rise, -1]], albedo=0.7),
     ]
     view = camera(width, height, (0.1, 3.0, 1.2), (0, 0.35, 0), 38)
-    return Scene(tuple(sides), (sun((0.25, 1.0, 0.1)),), view)
+    return Scene(tuple(sides), (sun((0.9, 1.0, 0.1)),), view)
 
 
 def bowl(width: int, height: int) -> Scene:

@@ -1,11 +1,12 @@
 """What a truncated solve leaves out, taken as ambient light: calibrated instead of guessed.
 
-    B <- B + r + rho a,    a = argmin_a | rho (F r - a (1 - F rho)) |^2      (mean square)
+    B <- B + r + rho a s,    a = argmin_a | rho (F r - a (s - F rho s)) |^2      (mean square)
 
 r is the residual of B: the next bounce of a Neumann series, the light not yet shot of
 progressive radiosity. It is reflected once more, and everything after that is taken as light
-that arrives everywhere alike, a (W/m2). The new residual is rho (F r - a (1 - F rho)), which
-a makes as small as it can; the bound is taken from that residual, so it stays rigorous.
+that arrives everywhere alike, a (W/m2), but for patches that see nothing (s = 0, otherwise 1).
+The mean is taken over area where it is known. The new residual is rho (F r - a (s - F rho s)),
+which a makes as small as it can; the bound is taken from that residual, so it stays rigorous.
 
 References: M. Cohen, S. Chen, J. Wallace and D. Greenberg, "A Progressive Refinement Approach
 to Fast Radiosity Image Generation", SIGGRAPH 1988, section 5 (ambient term).
@@ -36,19 +37,23 @@ def ambient_tail(
 ) -> tuple[Float[Tensor, "*batch patch channel"], Float[Tensor, "*batch patch channel"]]:
     """What to add to B for its residual `rest`, and the residual that is then left, W/m2.
 
-    Costs two products. In a closed room of albedo 1, where no a helps, a = 0.
+    Costs three products. Patches that see nothing reflecting receive none of it. In a closed room
+    of albedo 1, where no a helps, a = 0.
 
     Differentiable in: all tensors.
     Export: compile yes, ONNX yes.
     """
     arriving = operator(rest)
-    missing = 1 - operator(albedo)
+    sees = (operator(albedo) > 0).to(albedo)
+    missing = sees - operator(albedo * sees)
     above_rounding = missing > gamma(operator.terms, operator.dtype)
     weight = torch.where(above_rounding, albedo.square() * missing, 0)
+    if operator.area is not None:
+        weight = weight * operator.area.unsqueeze(-1)
     ambient = guarded_divide(
         (weight * arriving).sum(-2, keepdim=True), (weight * missing).sum(-2, keepdim=True)
     )
-    return rest + albedo * ambient, albedo * (arriving - ambient * missing)
+    return rest + albedo * sees * ambient, albedo * (arriving - ambient * missing)
 
 
 def with_ambient_tail(
@@ -67,7 +72,7 @@ def with_ambient_tail(
         bounces = torch.cat((bounces, tail.unsqueeze(-3)), -3)
     return found._replace(
         radiosity=found.radiosity + tail,
-        products=found.products + 2,
+        products=found.products + 3,
         residual=left if found.one_sign else None,
         one_sign=False,
         bounces=bounces,

@@ -101,7 +101,7 @@ class Neumann(AbstractSolver):
 
     Args:
         bounces: reflections that are followed, >= 0.
-        ambient_tail: add the calibrated ambient term for all further ones (costs two more
+        ambient_tail: add the calibrated ambient term for all further ones (costs three more
             products with F).
         per_bounce: return the radiosity of each bounce too; with `ambient_tail` the last
             entry is the tail.

@@ -6,6 +6,8 @@ is solved for all.
 
 from __future__ import annotations
 
+from typing import final
+
 import torch
 
 from torchradiometry.plan.effect import AbstractEffect, Level
@@ -15,6 +17,7 @@ from torchradiometry.render.settings import RenderSettings
 __all__ = ["ColourBleeding"]
 
 
+@final
 class ColourBleeding(AbstractEffect):
     """Coloured reflected light."""
 

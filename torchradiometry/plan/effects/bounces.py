@@ -15,6 +15,7 @@ a bound; the pilot's own series is mostly far below it.
 from __future__ import annotations
 
 import math
+from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
@@ -30,6 +31,7 @@ MOST_FACES = 48_000
 MARGIN = 1.25
 
 
+@final
 class Interreflection(AbstractEffect):
     """Reflected light."""
 

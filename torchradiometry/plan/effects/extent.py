@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import FINE, Pilot
@@ -10,6 +11,7 @@ from torchradiometry.plan.pilot import FINE, Pilot
 __all__ = ["SourceExtent"]
 
 
+@final
 class SourceExtent(AbstractEffect):
     """Shining faces that are large or near."""
 

@@ -6,6 +6,7 @@ Taken as distant, a lamp sends to every point what it sends to the middle of the
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import FINE, Pilot
@@ -13,6 +14,7 @@ from torchradiometry.plan.pilot import FINE, Pilot
 __all__ = ["FallOff"]
 
 
+@final
 class FallOff(AbstractEffect):
     """Lamps that are near."""
 

@@ -7,6 +7,8 @@ as they are.
 
 from __future__ import annotations
 
+from typing import final
+
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
@@ -18,6 +20,7 @@ __all__ = ["PatchSize", "patch_count"]
 PARTS = tuple(1.5 * 2 ** (k / 4) for k in range(20))
 
 
+@final
 class PatchSize(AbstractEffect):
     """Resolution of reflected light."""
 

@@ -7,6 +7,7 @@ falls faster than 1 / sqrt(rays), because the rays are spread evenly.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import FINE, Pilot
@@ -18,6 +19,7 @@ __all__ = ["Penumbra"]
 RAYS, POWER = (2, 4, 8, 16, 32), 0.75
 
 
+@final
 class Penumbra(AbstractEffect):
     """Soft edges of the shadows of shining faces."""
 

@@ -9,6 +9,8 @@ References: D. Mitchell, "Consequences of Stratified Sampling in Graphics", SIGG
 
 from __future__ import annotations
 
+from typing import final
+
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
 
@@ -18,6 +20,7 @@ __all__ = ["Supersampling"]
 SIDES, FACTOR = (1, 2, 3, 4, 6), 1.5
 
 
+@final
 class Supersampling(AbstractEffect):
     """Smooth edges."""
 
