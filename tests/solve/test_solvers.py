@@ -110,6 +110,25 @@ def test_more_bounces_never_darken_and_the_tail_helps() -> None:
         assert tail.iterations == bounces + 7  # three for the tail, three for its bound
 
 
+@pytest.mark.parametrize("kind", ["closed", "sparse", "spiky"])
+def test_the_tail_of_a_room_of_one_albedo_holds_all_light_that_was_left(kind: str) -> None:
+    """sum A B is exact, and patches that see nothing (walled in) change nothing."""
+    found = room(kind, 24, torch.float64, seed=3)
+    walled = torch.nn.functional.pad(found.form_factors, (0, 5, 0, 5))
+    area = torch.cat((found.area, torch.full((5,), 7.0, dtype=torch.float64)))
+    albedo = torch.full((29, 1), 0.9, dtype=torch.float64)
+    exitance = torch.rand(29, 1, dtype=torch.float64) * (torch.arange(29) < 24).unsqueeze(-1)
+    operator = solve.DenseOperator(walled, area)
+    exact = (solve.Direct().solve(operator, albedo, exitance).radiosity.T @ area).item()
+    plain, tail = (
+        (solve.Neumann(3, ambient_tail=t).solve(operator, albedo, exitance).radiosity.T @ area)
+        for t in (False, True)
+    )
+    assert plain.item() < 0.5 * exact
+    assert abs(tail.item() - exact) <= 1e-12 * exact
+    assert (tail >= plain).all()
+
+
 def test_albedo_zero_and_no_light() -> None:
     factors, albedo, exitance = system(torch.float64)
     for solver in every_solver():

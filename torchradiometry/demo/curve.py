@@ -1,4 +1,4 @@
-"""Plots of the demo; the file that owns matplotlib."""
+"""Plots of the demo."""
 
 from __future__ import annotations
 
