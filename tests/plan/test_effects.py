@@ -21,7 +21,9 @@ def pilots() -> dict[str, plan.Pilot]:
 
 @pytest.mark.parametrize("effect", cases.EFFECTS, ids=lambda effect: effect.__name__)
 @pytest.mark.parametrize("name", NAMES)
-def test_levels(effect: type[plan.AbstractEffect], name: str, pilots: dict[str, plan.Pilot]) -> None:
+def test_levels(
+    effect: type[plan.AbstractEffect], name: str, pilots: dict[str, plan.Pilot]
+) -> None:
     made, pilot = effect(), pilots[name]
     levels = made.levels(pilot)
     assert levels

@@ -228,4 +228,5 @@ def _fitted(count: torch.Tensor, seconds: torch.Tensor, first: torch.Tensor) -> 
 
     with torch.enable_grad():
         steps.step(loss)
-    return (first * (start + limited(change)).exp()).detach()
+    known = (count > 0).any(0)
+    return torch.where(known, first * (start + limited(change)).exp(), first).detach()

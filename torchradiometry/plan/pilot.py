@@ -47,7 +47,9 @@ FINE = RenderSettings(shadow_samples=8)
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
-BLUR, POWER = 1.6, 1.1
+BLUR, POWER = 1.85, 1.1
+#: error of reflected light between patches as large as the scene that see each other in part
+PARTLY = 0.03
 #: slope out of the plane above which two points of a pixel lie on different surfaces
 STEP = 0.2
 
@@ -239,7 +241,9 @@ class Pilot:
         bend, edge = self._bends
         coarse = torch.clamp(edge, max=COARSE * self.world.rays.scale)
         each = bend * (torch.clamp(edge, max=size) / coarse) ** POWER
-        return BLUR * (float(each.mean()) + float(each.std()) / math.sqrt(max(1, len(each))))
+        bent = BLUR * (float(each.mean()) + float(each.std()) / math.sqrt(max(1, len(each))))
+        share = float((self.albedo * self.reflections.irradiance).sum()) / self.light
+        return bent + self.blocks * share * PARTLY * (size / self.world.rays.scale) ** 2
 
     @cached_property
     def _edges(self) -> tuple[float, float]:
