@@ -47,7 +47,7 @@ FINE = RenderSettings(shadow_samples=8)
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
-BLUR, POWER = 1.85, 1.1
+BLUR, POWER = 2.3, 1.3
 #: error of reflected light between patches as large as the scene that see each other in part
 PARTLY = 0.03
 #: slope out of the plane above which two points of a pixel lie on different surfaces
