@@ -241,6 +241,13 @@ def test_lamps_are_distant_only_where_they_are() -> None:
     assert not planned(replace(made, sources=(far,)), 0.1).row("near fall-off").included
 
 
+def test_lamps_with_hard_shadows_are_told_of() -> None:
+    made = STANDARD_SCENES["crate"](*SMALL)
+    ball = sources.SphereSource([[1.0, 3.0, 1.0]], [0.4], [[5.0] * 3])
+    assert any("hard shadows" in n for n in planned(replace(made, sources=(ball,)), 0.05).notes)
+    assert not any("hard shadows" in n for n in planned(made, 0.05).notes)
+
+
 def test_prices_are_kept_and_hostile_ones_refused(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "prices.json"
     COSTS.save(path)

@@ -85,6 +85,12 @@ class Pilot:
         return on_surfaces(self.world, 256, self.seed)
 
     @cached_property
+    def edges(self) -> Float[Tensor, "face"]:
+        """Longest edge of every one-sided face, m."""
+        corners = self.world.faces.corners
+        return (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
+
+    @cached_property
     def blocks(self) -> bool:
         """Whether some face can come between a point and a source.
 
@@ -108,9 +114,12 @@ class Pilot:
         world = self.world
         if bool(world.triangles.two_sided.any()):
             return False
-        offset = (world.normal * world.triangles.corners[:, 0]).sum(-1, keepdim=True)
-        parts = zip(world.normal.split(1024), offset.split(1024), strict=True)
-        return all(float((n @ points.mT - o).max()) <= world.rays.tolerance for n, o in parts)
+        middle = points.mean(0)
+        offset = (world.normal * (world.triangles.corners[:, 0] - middle)).sum(-1, keepdim=True)
+        # about the middle float32 knows heights to a tenth of the tolerance
+        around = (points - middle).float().mT
+        parts = zip(world.normal.float().split(1024), offset.float().split(1024), strict=True)
+        return all(float((n @ around - o).max()) <= world.rays.tolerance for n, o in parts)
 
     @cached_property
     def _looks(self) -> tuple[SurfacePoints, Bool[Tensor, "look pixel"]]:

@@ -24,6 +24,8 @@ from torchradiometry.plan.pilot import Pilot
 from torchradiometry.plan.plan import Plan, PlannedLevel, PlanRow, merged_settings
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene
+from torchradiometry.sources.polygon import PolygonSource
+from torchradiometry.sources.sphere import SphereSource
 
 __all__ = ["Planner"]
 
@@ -188,6 +190,17 @@ def _notes(pilot: Pilot, plan: Plan, met: bool) -> tuple[str, ...]:
         notes.append("the camera sees no surface: there is nothing to compute")
     elif pilot.light <= 0:
         notes.append("no light reaches what is seen: the picture is black")
+    wide = [
+        source
+        for source in pilot.scene.sources
+        if isinstance(source, PolygonSource)
+        or (isinstance(source, SphereSource) and source.samples == 1)
+    ]
+    if wide and plan.settings.shadow_samples:
+        notes.append(
+            "sphere and polygon lamps cast hard shadows, and no error is predicted for that: "
+            "make them shining surfaces for penumbras"
+        )
     if not met and plan.tolerance is not None:
         notes.append(
             f"the tolerance is not reached: the best plan leaves {plan.predicted_error:.2%}"

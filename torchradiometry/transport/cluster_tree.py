@@ -91,7 +91,7 @@ def cluster_tree(patches: Patches) -> ClusterTree:
     >>> square = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]).double()
     >>> tree = cluster_tree(Patches(torch.stack([square, square + 3, square + 1])))
     >>> tree.size.tolist(), tree.levels
-    ([3, 1, 2, 1, 1], (0, 1, 3, 5))
+    ([3, 2, 1, 1, 1], (0, 1, 3, 5))
     """
     order, levels, parent, child, start, size = _split(patches)
     leaves = torch.nonzero(child < 0).squeeze(-1)

@@ -58,6 +58,4 @@ class PatchSize(AbstractEffect):
 
 def patch_count(pilot: Pilot, size: float) -> float:
     """How many patches that size makes: the renderer's own grid, counted."""
-    corners = pilot.world.faces.corners
-    edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
-    return float((edge / size - 2.0**-20).ceil().clamp(min=1).square().sum())
+    return float((pilot.edges / size - 2.0**-20).ceil().clamp(min=1).square().sum())
