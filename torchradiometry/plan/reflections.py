@@ -31,7 +31,7 @@ from torchradiometry.render.indirect import (
     indirect_at,
     solve_exchange,
 )
-from torchradiometry.render.points import SurfacePoints
+from torchradiometry.render.points import SurfacePoints, look
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World
 from torchradiometry.transport.rules import sequence
@@ -186,9 +186,5 @@ def _view(world: World, points: SurfacePoints) -> Float[Tensor, "point"]:
     normal = points.facet
     turn = torch.rand(len(normal), 1, 2, generator=torch.Generator().manual_seed(0)).to(normal)
     direction = cosine_directions((sequence(RAYS, 2, normal) + turn).frac(), normal)
-    start = world.rays.lift(points.position, normal).unsqueeze(1).expand_as(direction)
-    hits = world.rays.closest(start.reshape(-1, 3), direction.reshape(-1, 3))
-    met = hits.triangle.clamp(min=0)
-    towards = (world.normal[met] * direction.reshape(-1, 3)).sum(-1) < 0
-    front = hits.found & (towards | world.triangles.two_sided[met])
-    return front.reshape(-1, RAYS).to(normal).mean(-1)
+    front, _ = look(world, world.rays.lift(points.position, normal).unsqueeze(1), direction)
+    return front.to(normal).mean(-1)

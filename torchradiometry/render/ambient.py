@@ -21,7 +21,7 @@ from torch import Tensor
 from torchradiometry.errors import SingularSystemError
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.render.direct import cosine_directions, emitter_weights, lamp_irradiance
-from torchradiometry.render.points import Receivers
+from torchradiometry.render.points import Receivers, look
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World
 from torchradiometry.scene.scene import Triangles
@@ -92,13 +92,8 @@ def on_surfaces(world: World, points: int = POINTS, seed: int = 0) -> SurfaceSam
     position = sample_patches(corners[face], where[:, 1:])
     turn = torch.rand(points, 1, 2, generator=generator, dtype=torch.float64).to(corners)
     direction = cosine_directions((sequence(RAYS, 2, corners) + turn).frac(), normal)
-    start = world.rays.lift(position, normal).unsqueeze(1).expand_as(direction)
-    hits = world.rays.closest(start.reshape(-1, 3), direction.reshape(-1, 3))
-    met = hits.triangle.clamp(min=0)
-    towards = (world.normal[met] * direction.reshape(-1, 3)).sum(-1) < 0
-    front = hits.found & (towards | world.triangles.two_sided[met])
-    front, found = (t.reshape(points, RAYS) for t in (front, hits.found))
-    buried = (found & ~front).all(-1)
+    front, back = look(world, world.rays.lift(position, normal).unsqueeze(1), direction)
+    buried = back.all(-1)
     sample = Receivers(position, normal, normal)
     view = front.to(corners).mean(-1)
     return SurfaceSample(sample, world.faces.triangle[face], view, (~buried).to(corners))

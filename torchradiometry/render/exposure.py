@@ -17,6 +17,7 @@ from torch import Tensor
 
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.render.direct import cosine_directions
+from torchradiometry.render.points import look
 from torchradiometry.render.world import World
 from torchradiometry.transport.rules import sample_patches, sequence
 
@@ -96,10 +97,5 @@ def _looked(
 ) -> Bool[Tensor, "3 point"]:
     """Whether any ray of a point meets a front, a black back, or nothing."""
     direction = cosine_directions(where, normal)
-    start = start.unsqueeze(1).expand_as(direction)
-    hits = world.rays.closest(start.reshape(-1, 3), direction.reshape(-1, 3))
-    triangle = hits.triangle.clamp(min=0)
-    towards = (world.normal[triangle] * direction.reshape(-1, 3)).sum(-1) < 0
-    front = towards | world.triangles.two_sided[triangle]
-    kinds = torch.stack((hits.found & front, hits.found & ~front, ~hits.found))
-    return kinds.reshape(3, *where.shape[:2]).any(-1)
+    front, back = look(world, start.unsqueeze(1), direction)
+    return torch.stack((front, back, ~front & ~back)).any(-1)

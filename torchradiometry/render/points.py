@@ -11,9 +11,9 @@ from torchradiometry.numerics import safe_normalize
 from torchradiometry.render.world import World
 
 if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+    from jaxtyping import Bool, Float, Int
 
-__all__ = ["Receivers", "SurfacePoints", "see"]
+__all__ = ["Receivers", "SurfacePoints", "look", "see"]
 
 
 class Receivers(NamedTuple):
@@ -88,6 +88,19 @@ class SurfacePoints(NamedTuple):
         """Barycentric weights on the face: a back runs through its corners the other way round."""
         back = (self.face >= len(world.triangles.surface)).unsqueeze(-1)
         return torch.where(back, self.barycentric.flip(-1), self.barycentric)
+
+
+def look(
+    world: World, origin: Float[Tensor, "*ray 3"], direction: Float[Tensor, "*ray 3"]
+) -> tuple[Bool[Tensor, "*ray"], Bool[Tensor, "*ray"]]:
+    """Which rays meet a reflecting side, and which a black back; the others meet nothing."""
+    way = direction.reshape(-1, 3)
+    hits = world.rays.closest(origin.expand_as(direction).reshape(-1, 3), way)
+    triangle = hits.triangle.clamp(min=0)
+    front = (world.normal[triangle] * way).sum(-1) < 0
+    front = front | world.triangles.two_sided[triangle]
+    shape = direction.shape[:-1]
+    return (hits.found & front).reshape(shape), (hits.found & ~front).reshape(shape)
 
 
 def see(
