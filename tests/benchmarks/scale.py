@@ -33,7 +33,6 @@ from torchradiometry import (
     exchange_areas,
     hierarchical_operator,
     solve_radiosity,
-    subdivide,
 )
 from torchradiometry.scene.build import cornell_like_room, sphere
 from torchradiometry.solve import AbstractOperator
@@ -46,16 +45,7 @@ BOXES = "room with boxes"
 
 def boxes(count: int) -> tuple[Patches, Tensor, Tensor, Tensor]:
     """About `count` patches, albedo, exitance, and the blockers."""
-    surfaces = cornell_like_room(dtype=torch.float64).surfaces
-    solid = torch.cat([s.vertices[s.faces] for s in surfaces])
-    albedo = torch.cat([s.albedo.expand(len(s.faces), 3) for s in surfaces])
-    emission = torch.cat([s.emission.expand(len(s.faces), 3) for s in surfaces])
-    edge = math.sqrt(4 * float(Patches(solid).area.sum()) / count)
-    patches, parent = subdivide(Patches(solid), edge)
-    for _ in range(8):
-        edge *= math.sqrt(patches.count / count)
-        patches, parent = subdivide(Patches(solid), edge)
-    return patches, albedo[parent], math.pi * emission[parent], solid
+    return cut(list(cornell_like_room(dtype=torch.float64).surfaces), count)
 
 
 def rounded(count: int) -> tuple[Patches, Tensor, Tensor, Tensor]:

@@ -146,6 +146,12 @@ def test_an_effect_can_be_overruled(ladder: list[plan.Plan]) -> None:
     assert after.predicted_error > before.predicted_error
     assert after.row("penumbra").why == "as asked"
     assert before.settings.penumbra
+    local = before.overridden("interreflection", "left out")
+    assert not local.row("patches").applies
+    assert local.row("patches").error == 0
+    again = local.overridden("interreflection", before.row("interreflection").level.name)
+    assert again.row("patches").error == before.row("patches").error
+    assert again.predicted_error == pytest.approx(before.predicted_error)
     with pytest.raises(errors.IndexRangeError, match="penumbra"):
         before.overridden("fog", 0)
     with pytest.raises(errors.OutOfRangeError, match="left out"):

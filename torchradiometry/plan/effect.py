@@ -18,7 +18,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from torchradiometry.plan.pilot import Pilot
-from torchradiometry.render.settings import RenderSettings
 
 __all__ = ["AbstractEffect", "Level", "Settings"]
 
@@ -47,10 +46,12 @@ class AbstractEffect(ABC):
     Attributes:
         name: as tables show it.
         adds: what the picture gains.
+        needs: fields of `RenderSettings` that must not be 0 or False for it to show at all.
     """
 
     name: str
     adds: str
+    needs: tuple[str, ...] = ()
 
     @abstractmethod
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
@@ -59,7 +60,3 @@ class AbstractEffect(ABC):
     @abstractmethod
     def why(self, pilot: Pilot, level: Level) -> str:
         """The reason of a level in this scene, one clause."""
-
-    def applies(self, settings: RenderSettings) -> bool:
-        """Whether the effect can show at all beside the others' settings."""
-        return True

@@ -59,10 +59,12 @@ class _Lit(NamedTuple):
 
     Attributes:
         seen: irradiance of the pilot points, W/m2.
+        everywhere: irradiance of points of all surfaces, W/m2.
         power: rho E on points of all surfaces, sum of channels, W/m2.
     """
 
     seen: Float[Tensor, "point channel"]
+    everywhere: Float[Tensor, "sample channel"]
     power: Float[Tensor, "sample"]
 
 
@@ -162,7 +164,7 @@ class Pilot:
         seen, everywhere = light.split((len(found.face), len(sample.triangle)))
         albedo = self.world.triangles.albedo[sample.triangle].double()
         power = sample.weight * (albedo * everywhere).sum(-1)
-        return _Lit(seen, power)
+        return _Lit(seen, everywhere, power)
 
     @cached_property
     def _fully_lit(self) -> _Lit:
@@ -185,7 +187,8 @@ class Pilot:
     @cached_property
     def reflections(self) -> Reflections:
         """Reflected light of the pilot points."""
-        return look_at_reflections(self.world, self.points, self.surfaces, FINE)
+        lit = self._fully_lit.everywhere
+        return look_at_reflections(self.world, self.points, self.surfaces, lit)
 
     @cached_property
     def albedo(self) -> Float[Tensor, "point channel"]:

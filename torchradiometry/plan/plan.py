@@ -25,7 +25,7 @@ from torchradiometry.plan.shader import PlannedShader
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene
 
-__all__ = ["Plan", "PlanRow", "PlannedLevel", "merged_settings"]
+__all__ = ["Plan", "PlanRow", "PlannedLevel", "merged_settings", "needs_met"]
 
 
 def merged_settings(parts: Iterable[Mapping[str, Any]]) -> RenderSettings:
@@ -35,6 +35,11 @@ def merged_settings(parts: Iterable[Mapping[str, Any]]) -> RenderSettings:
         off = merged.get("shadow_samples") == 0
         merged |= {k: v for k, v in part.items() if not (off and k == "shadow_samples")}
     return RenderSettings(**merged)
+
+
+def needs_met(needs: Iterable[str], settings: RenderSettings) -> bool:
+    """Whether none of the named settings is 0 or False."""
+    return all(getattr(settings, name) for name in needs)
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,8 @@ class PlanRow:
     Attributes:
         effect: its name.
         adds: what it adds.
-        applies: False where what else was chosen leaves it nothing to do.
+        needs: settings without which it has nothing to do.
+        applies: whether the chosen settings give it something to do.
         chosen: index among `levels`, weakest first.
         levels: all ways to treat it.
         why: the reason, one clause.
@@ -71,6 +77,7 @@ class PlanRow:
 
     effect: str
     adds: str
+    needs: tuple[str, ...]
     applies: bool
     chosen: int
     levels: tuple[PlannedLevel, ...]
@@ -155,9 +162,11 @@ class Plan:
         index = names.index(level) if level in names else level
         if not isinstance(index, int) or not -len(names) <= index < len(names):
             raise OutOfRangeError("level", repr(level), f"use one of {', '.join(names)}")
-        changed = replace(row, chosen=index % len(names), applies=True, why="as asked")
+        changed = replace(row, chosen=index % len(names), why="as asked")
         seconds = self.predicted_seconds + changed.level.seconds - row.level.seconds
         rows = tuple(changed if r is row else r for r in self.rows)
+        settings = merged_settings(r.level.settings for r in rows)
+        rows = tuple(replace(r, applies=needs_met(r.needs, settings)) for r in rows)
         return replace(self, rows=rows, predicted_seconds=max(seconds, 0.0))
 
     def build(
@@ -227,7 +236,13 @@ class Plan:
     def from_dict(cls, found: dict[str, Any]) -> Plan:
         """The plan that `to_dict` described."""
         rows = tuple(
-            PlanRow(**(row | {"levels": tuple(PlannedLevel(**level) for level in row["levels"])}))
+            PlanRow(
+                **{
+                    **row,
+                    "needs": tuple(row["needs"]),
+                    "levels": tuple(PlannedLevel(**level) for level in row["levels"]),
+                }
+            )
             for row in found["rows"]
         )
         plan = cls(

@@ -21,7 +21,7 @@ from torchradiometry.plan.costs import Costs, stored_costs
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.effects import EFFECTS
 from torchradiometry.plan.pilot import Pilot
-from torchradiometry.plan.plan import Plan, PlannedLevel, PlanRow, merged_settings
+from torchradiometry.plan.plan import Plan, PlannedLevel, PlanRow, merged_settings, needs_met
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene
 from torchradiometry.sources.polygon import PolygonSource
@@ -108,9 +108,11 @@ class Planner:
                 )
                 for n, level in enumerate(search.levels[k])
             )
-            applies = effect.applies(settings)
+            applies = needs_met(effect.needs, settings)
             why = effect.why(pilot, search.levels[k][state[k]]) if applies else "nothing to do"
-            rows.append(PlanRow(effect.name, effect.adds, applies, state[k], levels, why))
+            rows.append(
+                PlanRow(effect.name, effect.adds, effect.needs, applies, state[k], levels, why)
+            )
         plan = Plan(
             tuple(rows),
             self.tolerance,
@@ -143,7 +145,7 @@ class _Search:
         """Sum over the effects that apply."""
         settings = self.settings(state)
         chosen = zip(self.effects, self.levels, state, strict=True)
-        return sum(levels[n].error for e, levels, n in chosen if e.applies(settings))
+        return sum(levels[n].error for e, levels, n in chosen if needs_met(e.needs, settings))
 
     def seconds(self, state: State) -> float:
         """Predicted."""

@@ -18,12 +18,8 @@ import torch
 from torch import Tensor
 
 from torchradiometry.numerics import guarded_divide
-from torchradiometry.render.ambient import (
-    AmbientExchange,
-    SurfaceSample,
-    ambient_irradiance,
-)
-from torchradiometry.render.direct import cosine_directions, emitter_weights, lamp_irradiance
+from torchradiometry.render.ambient import SurfaceSample, balanced_irradiance
+from torchradiometry.render.direct import cosine_directions
 from torchradiometry.render.indirect import (
     Exchange,
     exchange_between,
@@ -146,26 +142,24 @@ class BalancedReflections(Reflections):
 
 @torch.no_grad()
 def look_at_reflections(
-    world: World, points: SurfacePoints, surfaces: SurfaceSample, settings: RenderSettings
+    world: World,
+    points: SurfacePoints,
+    surfaces: SurfaceSample,
+    lit: Float[Tensor, "sample channel"],
 ) -> Reflections:
-    """Reflected light of some points; `surfaces` are points of all surfaces."""
+    """Reflected light of some points, and `lit` is the direct light (W/m2) of all `surfaces`."""
     channels = world.scene.channels
     nothing = points.position.new_zeros(len(points.face), channels)
     albedo = world.triangles.albedo[surfaces.triangle].double()
     decay = float(world.triangles.albedo.max())
     if surfaces.mutual_view == 0 or decay <= 0:
         return NoReflections(nothing, nothing.new_zeros(channels))
-    generator = torch.Generator().manual_seed(settings.seed)
-    receivers = surfaces.receivers
-    weights = emitter_weights(world, settings, receivers, generator)
-    lamps = lamp_irradiance(world, settings, receivers, generator)
-    exchange = AmbientExchange(surfaces, weights, lamps)
-    ambient = ambient_irradiance(world, exchange, world.triangles)
+    ambient = balanced_irradiance(albedo, lit, surfaces.view, surfaces.weight)
     if len(world.faces.corners) <= MOST_FACES:
         return _solved(world, points, ambient, decay)
     weight = guarded_divide(surfaces.weight, surfaces.weight.sum()).unsqueeze(-1)
     kept = (weight * albedo * surfaces.view.unsqueeze(-1)).sum(0)
-    direct = (weight * (lamps + weights @ world.glow(world.triangles))).sum(0)
+    direct = (weight * lit).sum(0)
     colour = guarded_divide(direct, direct.mean())
     view = _view(world, points)
     even = guarded_divide(ambient, nothing.new_tensor(surfaces.mutual_view))

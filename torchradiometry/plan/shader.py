@@ -22,6 +22,7 @@ from torchradiometry.render.ambient import AmbientExchange, balanced_irradiance
 from torchradiometry.render.indirect import Exchange, reflected_irradiance
 from torchradiometry.render.lattice import interpolate
 from torchradiometry.render.picture import View, view_scene
+from torchradiometry.render.pixels import pixel_means
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.subdivision import find
 from torchradiometry.scene.scene import Scene
@@ -230,10 +231,8 @@ class PlannedShader(nn.Module):
         if self.reflected is not None:
             irradiance = irradiance + self.reflected(paint, light)
         reflected = paint[self.surface] * self.paint * irradiance / math.pi
-        radiance = (light[self.surface] + reflected) * self.share.unsqueeze(-1)
-        height, width = self.size
-        full = radiance.new_zeros(height * width, radiance.shape[-1])
-        return full.index_add(0, self.pixel, radiance).mT.reshape(-1, height, width)
+        radiance = light[self.surface] + reflected
+        return pixel_means(radiance, self.share, self.pixel, self.size).permute(2, 0, 1)
 
     def extra_repr(self) -> str:
         height, width = self.size

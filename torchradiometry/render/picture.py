@@ -33,7 +33,7 @@ from torchradiometry.render.ambient import (
 )
 from torchradiometry.render.gather import gather_weights
 from torchradiometry.render.indirect import Exchange, Indirect, indirect_at, solve_exchange
-from torchradiometry.render.pixels import Samples, camera_samples
+from torchradiometry.render.pixels import Samples, camera_samples, pixel_means
 from torchradiometry.render.points import SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
@@ -229,9 +229,9 @@ def _shade(
         irradiance = irradiance + ambient_irradiance(view.world, view.ambient, triangles)
     albedo = scene.albedo_at(points.triangle, points.barycentric).to(irradiance)
     emitted = triangles.emission[points.triangle].to(irradiance)
-    radiance = (emitted + albedo * irradiance / math.pi) * view.samples.share.unsqueeze(-1)
+    radiance = emitted + albedo * irradiance / math.pi
     height, width = view.size
-    full = radiance.new_zeros(height * width, radiance.shape[-1]).index_add(0, pixel, radiance)
-    bright = torch.zeros_like(full[:, 0], dtype=torch.bool)
+    full = pixel_means(radiance, view.samples.share, pixel, view.size)
+    bright = torch.zeros_like(full[..., 0], dtype=torch.bool).reshape(-1)
     bright[pixel[(emitted.detach() > 0).any(-1)]] = True
-    return full.reshape(height, width, -1), bright.reshape(height, width)
+    return full, bright.reshape(height, width)

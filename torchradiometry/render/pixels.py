@@ -27,7 +27,7 @@ from torchradiometry.render.world import World
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 
-__all__ = ["Samples", "camera_samples"]
+__all__ = ["Samples", "camera_samples", "pixel_means"]
 
 #: camera rays that are followed at a time
 BLOCK = 2**16
@@ -62,6 +62,19 @@ class Samples(NamedTuple):
         """Some of the rays."""
         rest = (t[chosen] for t in (self.weights, self.lamps))
         return Samples(self.pixel[chosen], self.share[chosen], self.points.take(chosen), *rest)
+
+
+def pixel_means(
+    radiance: Float[Tensor, "ray channel"],
+    share: Float[Tensor, "ray"],
+    pixel: Int[Tensor, "ray"],
+    size: tuple[int, int],
+) -> Float[Tensor, "height width channel"]:
+    """The picture: every ray's radiance times its share, summed over the rays of each pixel."""
+    height, width = size
+    full = radiance.new_zeros(height * width, radiance.shape[-1])
+    full = full.index_add(0, pixel, radiance * share.unsqueeze(-1))
+    return full.reshape(height, width, -1)
 
 
 def camera_samples(world: World, camera: AbstractCamera, settings: RenderSettings) -> Samples:

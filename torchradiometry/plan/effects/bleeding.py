@@ -12,7 +12,6 @@ import torch
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
-from torchradiometry.render.settings import RenderSettings
 
 __all__ = ["ColourBleeding"]
 
@@ -23,6 +22,7 @@ class ColourBleeding(AbstractEffect):
 
     name = "colour bleeding"
     adds = "the colours of surfaces on each other"
+    needs = ("bounces",)
 
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         albedo = pilot.world.triangles.albedo
@@ -42,6 +42,3 @@ class ColourBleeding(AbstractEffect):
         if level.name == "left out":
             return "coloured surfaces light little"
         return "coloured surfaces light others"
-
-    def applies(self, settings: RenderSettings) -> bool:
-        return settings.bounces > 0

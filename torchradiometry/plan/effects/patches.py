@@ -12,7 +12,6 @@ from typing import final
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
-from torchradiometry.render.settings import RenderSettings
 
 __all__ = ["PatchSize", "patch_count"]
 
@@ -26,6 +25,7 @@ class PatchSize(AbstractEffect):
 
     name = "patches"
     adds = "gradients of reflected light, contacts, creases"
+    needs = ("bounces",)
 
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         scale, found = pilot.world.rays.scale, pilot.reflections
@@ -51,9 +51,6 @@ class PatchSize(AbstractEffect):
             return "no light is exchanged"
         size = level.settings["patch_size"]
         return f"about {patch_count(pilot, float(size or 0)):.0f} patches"
-
-    def applies(self, settings: RenderSettings) -> bool:
-        return settings.bounces > 0
 
 
 def patch_count(pilot: Pilot, size: float) -> float:

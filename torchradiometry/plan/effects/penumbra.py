@@ -11,7 +11,6 @@ from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import FINE, Pilot
-from torchradiometry.render.settings import RenderSettings
 
 __all__ = ["Penumbra"]
 
@@ -25,6 +24,7 @@ class Penumbra(AbstractEffect):
 
     name = "penumbra"
     adds = "soft shadow edges"
+    needs = ("shadow_samples", "extent")
 
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         off = {"penumbra": False}
@@ -51,6 +51,3 @@ class Penumbra(AbstractEffect):
         if level.name == "clipped":
             return "few faces block: the visible part is cut out exactly"
         return "four times as many rays where a source is partly hidden"
-
-    def applies(self, settings: RenderSettings) -> bool:
-        return settings.shadow_samples > 0 and settings.extent
