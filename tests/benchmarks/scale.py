@@ -24,7 +24,7 @@ import torch
 import trimesh
 from torch import Tensor
 
-from tests.benchmarks.furnished import crates, doors, table
+from tests.benchmarks.furnished import crates, cut, doors, table
 from torchradiometry import (
     ConjugateGradient,
     DenseOperator,
