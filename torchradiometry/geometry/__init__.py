@@ -16,6 +16,7 @@ from torchradiometry.geometry.depth import (
     depth_to_points,
     points_to_normals,
 )
+from torchradiometry.geometry.depth_mesh import depth_to_mesh
 from torchradiometry.geometry.directions import local_frame, reflect, spherical_direction
 from torchradiometry.geometry.meshes import (
     corner_angles,
@@ -54,6 +55,7 @@ __all__ = [
     "Rays",
     "clip_polygon",
     "corner_angles",
+    "depth_to_mesh",
     "depth_to_normals",
     "depth_to_points",
     "face_areas",
