@@ -71,6 +71,17 @@ def surface_directions(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor
     )
 
 
+class First(nn.Module):
+    """One of the outputs of a layer."""
+
+    def __init__(self, layer: nn.Module, place: int = 0) -> None:
+        super().__init__()
+        self.layer, self.place = layer, place
+
+    def forward(self, *tensors: Tensor) -> Tensor:
+        return self.layer(*tensors)[self.place]
+
+
 class Named(nn.Module):
     """A layer called with tensors in order; their names are `input_names`."""
 
@@ -115,6 +126,22 @@ def depth_maps(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, Tensor]:
     depth = rand(sizes.batch, 1, sizes.height, sizes.width, dtype=dtype, seed=71, low=2, high=3)
     matrix = torch.tensor([[5, 0, sizes.width / 2], [0, 5, sizes.height / 2], [0, 0, 1]])
     return depth, matrix.to(dtype).expand(sizes.batch, 3, 3).contiguous()
+
+
+def reliefs(*names: str) -> Callable[[torch.dtype, Sizes], tuple]:
+    """A depth map with slopes around 45 degrees for pixels of 0.1 m, and maps by name beside it."""
+
+    def make(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor, ...]:
+        depth = rand(
+            sizes.batch, 1, sizes.height, sizes.width, dtype=dtype, seed=72, low=2, high=2.2
+        )
+        matrix = torch.tensor([[22, 0, sizes.width / 2], [0, 21, sizes.height / 2], [0, 0, 1]])
+        every = {"intrinsics": matrix.to(dtype).expand(sizes.batch, 3, 3).contiguous()}
+        every["irradiance"] = rand(sizes.batch, 3, sizes.height, sizes.width, dtype=dtype, seed=73)
+        found = (every[n] if n in every else images(n)(dtype, sizes)[0] for n in names)
+        return depth, *found
+
+    return make
 
 
 def triangles(dtype: torch.dtype, sizes: Sizes) -> tuple[Tensor]:
@@ -244,6 +271,10 @@ LAYERS: list[Case] = [
     Case("depth_to_points", geometry.DepthToPoints, lambda t: geometry.DepthToPoints(), depth_maps),
     Case("depth_to_points_parallel", geometry.DepthToPoints, lambda t: geometry.DepthToPoints(0.01), lambda t, sizes: depth_maps(t, sizes)[:1]),
     Case("depth_to_normals", geometry.DepthToNormals, lambda t: geometry.DepthToNormals(), depth_maps),
+    Case("cast_shadow", shade.CastShadow, lambda t: shade.CastShadow(source("directional", t), width=0.3, pixel_size=0.1), reliefs()),
+    Case("ambient_occlusion", shade.AmbientOcclusion, lambda t: First(shade.AmbientOcclusion(4, 3)), reliefs("intrinsics")),
+    Case("interreflection_bounces", shade.InterreflectionShading, lambda t: Named(shade.InterreflectionShading(2, 3, tail=True, azimuths=4, fine=1), "depth", "albedo", "irradiance", "intrinsics"), reliefs("albedo", "irradiance", "intrinsics")),
+    Case("shade_depth", shade.ShadeDepth, lambda t: Named(shade.ShadeDepth(shade.DepthSettings(shadow_width=0.3, cells=2, azimuths=4, reach=1), [source("directional", t), source("dome", t)], pixel_size=0.1), "depth", "albedo"), reliefs("albedo")),
     Case("depth_to_normals_parallel", geometry.DepthToNormals, lambda t: geometry.DepthToNormals(0.01), lambda t, sizes: depth_maps(t, sizes)[:1]),
 ]
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "angle_of",
+    "arccot",
     "clamped_cosine",
     "dot",
     "guarded_divide",
@@ -140,6 +141,18 @@ def angle_of(sine: Float[Tensor, "..."], cosine: Float[Tensor, "..."]) -> Float[
     if torch.compiler.is_exporting() and sine.dtype == torch.float64:
         return _angle_by_refinement(sine, cosine)
     return torch.atan2(sine, cosine)
+
+
+def arccot(x: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """The angle in 0..pi, radians, whose cotangent is x; decreasing and smooth everywhere.
+
+    >>> arccot(torch.tensor([0.0, 1.0, -1.0])) / torch.pi
+    tensor([0.5000, 0.2500, 0.7500])
+    """
+    one = torch.ones((), dtype=x.dtype, device=x.device)
+    if torch.compiler.is_exporting() and x.dtype == torch.float64:
+        return _angle_by_refinement(one, x)
+    return torch.atan2(one, x)
 
 
 def _angle_by_refinement(sine: Tensor, cosine: Tensor) -> Tensor:

@@ -29,6 +29,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.geometry.image_space import height_field, image_normals, view_of
 from torchradiometry.numerics import safe_normalize, wide
 
 if TYPE_CHECKING:
@@ -103,8 +104,8 @@ def depth_to_normals(
 ) -> Float[Tensor, "B 3 H W"]:
     """Unit normals of a depth map, towards the camera; arguments as of `depth_to_points`.
 
-    The points in between stay in float64: in float32 their differences would lose the digits
-    that the depth map still has.
+    Normals are those of planes through neighbouring heights in image space (`image_space`), where
+    float32 loses none of the digits that the depth map has.
 
     Returns:
         Normals (x right, y up, z to the camera); zero where masked or undefined.
@@ -119,8 +120,8 @@ def depth_to_normals(
     >>> depth_to_normals(slope, pixel_size=1.0)[0, :, 0, 0]
     tensor([0.7071, 0.0000, 0.7071])
     """
-    points, seen = _points(depth, intrinsics, pixel_size)
-    return _normals(points, seen).to(depth.dtype)
+    view = view_of(depth, intrinsics, pixel_size)
+    return image_normals(height_field(depth, view.perspective), view)
 
 
 class AbstractDepthLayer(nn.Module):
@@ -133,7 +134,7 @@ class AbstractDepthLayer(nn.Module):
 
     def __init__(self, pixel_size: float | None = None) -> None:
         super().__init__()
-        self.pixel_size = _checked_size(pixel_size)
+        self.pixel_size = checked_size(pixel_size)
 
     def extra_repr(self) -> str:
         return f"depth [m], pixel_size={self.pixel_size} [m]"
@@ -231,7 +232,7 @@ def _require_axes(name: str, tensor: Tensor, channels: int) -> None:
         raise ShapeError(name, got, f"pass B x {channels} x H x W")
 
 
-def _checked_size(pixel_size: float | None) -> float | None:
+def checked_size(pixel_size: float | None) -> float | None:
     if pixel_size is not None and not 0 < pixel_size < float("inf"):
         raise OutOfRangeError("pixel_size", f"{pixel_size!r}", "pass a length in m, > 0")
     return pixel_size
