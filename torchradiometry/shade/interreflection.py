@@ -122,6 +122,7 @@ def _bounced(
     return radiosity + (ambient_tail(operator, albedo, rest)[0] if tail else rest)
 
 
+@final
 class _Exchange(AbstractOperator):
     """F of the cells, for the solver."""
 
