@@ -86,6 +86,9 @@ def reflected_irradiance(
     check_image("irradiance", irradiance, None, normal)
     grid = grid_over((depth.shape[-2], depth.shape[-1]), cells, depth)
     probes = sliced_pixels(field, view, normal, azimuths, grid.middle)
+    if not torch.compiler.is_compiling():  # no more than one height a pixel
+        widest = max(-(-n // m) for n, m in zip(depth.shape[-2:], cells, strict=True))
+        fine = min(fine, widest)
     steps = torch.arange(1, 1 + fine * (max(cells) - 1), dtype=depth.dtype, device=depth.device)
     steps = (steps * (grid.spacing / fine)).round().clamp(min=1).reshape(-1, fine)
     own = torch.arange(cells[0] * cells[1], device=depth.device)
