@@ -15,6 +15,7 @@ import argparse
 import platform
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from statistics import median, quantiles
 
 import torch
@@ -48,7 +49,7 @@ GRIDS = ((16, 8, 4), (32, 16, 2), (64, 16, 1), (64, 32, 1))
 
 
 def relief(size: int) -> Tensor:
-    """Smooth random reliefs, `BATCH 1 size size`, pixels of 1 / size m, slopes to about 45 degrees."""
+    """Smooth random reliefs, `BATCH 1 size size`, of 1 m, slopes to about 45 degrees."""
     coarse = torch.rand(BATCH, 1, 8, 8, generator=torch.Generator().manual_seed(0))
     height = functional.interpolate(coarse, size=(size, size), mode="bicubic")
     return 2 - 0.15 * height
@@ -130,14 +131,11 @@ def price(sizes: list[int], repeats: int) -> None:
         for name, (layer, maps) in made.items():
             cells = [f"| {size} | {name} "]
             for way in (forward, backward):
-                plain, own = by_turns(
-                    lambda way=way: way(base, base_maps),
-                    lambda way=way, layer=layer, maps=maps: way(layer, maps),
-                    repeats,
-                )
+                calls = partial(way, base, base_maps), partial(way, layer, maps)
+                plain, own = by_turns(*calls, repeats)
                 low, middle, high = quantiles(own, n=4)
                 cells.append(f"| {middle:.1f} ({high - low:.1f}) | {middle / median(plain):.1f} ")
-            memory = peak(lambda layer=layer, maps=maps: backward(layer, maps))
+            memory = peak(partial(backward, layer, maps))
             print("".join(cells) + f"| {memory:.0f} |", flush=True)
 
 
@@ -207,11 +205,9 @@ def truth(size: int, rays: int) -> None:
                 **camera,
             )
             errors.append(f"{relative(found[0].permute(1, 2, 0), true):.2%}")
-        print(
-            f"| {name} | {shape} | {wrong} of {total} | {relative(share[0, 0], sky.visibility):.2%} "
-            f"| {float(angle):.2f} deg | {' | '.join(errors)} |",
-            flush=True,
-        )
+        open_sky = relative(share[0, 0], sky.visibility)
+        row = [name, shape, f"{wrong} of {total}", f"{open_sky:.2%}", f"{float(angle):.2f} deg"]
+        print(f"| {' | '.join([*row, *errors])} |", flush=True)
 
 
 def main() -> None:

@@ -107,7 +107,8 @@ def _last_within(effects: list[tuple[DepthLevel, ...]], tolerance: float) -> lis
             for weaker in range(n):
                 added = effects[k][weaker].error - effects[k][n].error
                 saved = effects[k][n].price - effects[k][weaker].price
-                steps.append((max(added, 0.0) / saved, -saved, k, weaker))
+                if added <= 0 or saved > 0:
+                    steps.append((added / saved if added > 0 else -1.0, -saved, k, weaker))
         if not steps:
             return best
         _, _, k, weaker = min(steps)
