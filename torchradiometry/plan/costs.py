@@ -21,7 +21,6 @@ import torch
 
 from torchradiometry.errors import FileFormatError
 from torchradiometry.files import atomic_path, check_readable
-from torchradiometry.plan.effects.patches import patch_count
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.ambient import POINTS as SAMPLE
 from torchradiometry.render.ambient import RAYS
@@ -133,7 +132,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, float]:
     polygons, blockers = len(world.emitters.corners), world.blockers
     lamps, balance = len(pilot.scene.sources), SAMPLE if settings.ambient else 0
     points += balance
-    count = patch_count(pilot, settings.patch_size) if settings.patch_size else 0.0
+    count = pilot.patch_count(settings.patch_size) if settings.patch_size else 0.0
     count = count if settings.bounces else 0.0
     dense = count <= MOST_DENSE
     shaded = settings.shadow_samples > 0

@@ -24,6 +24,7 @@ from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
 from torchradiometry.plan.resolution import bends
+from torchradiometry.plan.rough import thinned
 from torchradiometry.render.ambient import SurfaceSample, on_surfaces
 from torchradiometry.render.direct import emitter_weights, lamp_irradiance
 from torchradiometry.render.points import Receivers, SurfacePoints, see
@@ -36,14 +37,17 @@ from torchradiometry.transport.rules import sequence
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["FINE", "Pilot"]
+__all__ = ["Pilot"]
 
 #: pixels that are looked at
 PIXELS = 512
 #: faces x vertices up to which it is asked whether any face can block
 MOST_TESTS = 2**24
-#: how direct light is evaluated where nothing is left out
-FINE = RenderSettings(shadow_samples=8)
+#: shadow rays of a point to all shining polygons, and at least to each, where nothing is left out
+SHADOWS, EACH = 8, 4
+#: blockers x shining polygons up to which penumbras are clipped at all pixels, and at one in how
+#: many otherwise
+CLIPS, SPARSE = 16, 6
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
@@ -79,7 +83,12 @@ class Pilot:
 
     def __init__(self, scene: Scene, camera: AbstractCamera | None, seed: int = 0) -> None:
         self.scene, self.camera, self.seed = scene, camera, seed
-        self.world: World = prepare(scene, FINE)
+        self.world: World = prepare(scene, RenderSettings())
+        self._counts: dict[float, float] = {}
+        self.lit_world = thinned(self.world)
+        polygons = max(1, len(self.lit_world.emitters.corners))
+        #: how direct light is evaluated where nothing is left out
+        self.fine = RenderSettings(shadow_samples=max(EACH, SHADOWS // polygons))
 
     @cached_property
     def surfaces(self) -> SurfaceSample:
@@ -144,13 +153,13 @@ class Pilot:
         shines = (self.world.triangles.emission > 0).any(-1)[where.triangle.clamp(min=0)]
         return where, met & ~shines.reshape(met.shape)
 
-    @property
+    @cached_property
     def points(self) -> SurfacePoints:
         """What the middles of the pilot pixels see, emitters and background left out."""
         where, counts = self._looks
         return where.take(torch.nonzero(counts[0]).squeeze(-1))
 
-    @property
+    @cached_property
     def seen(self) -> float:
         """Share of the pixels that see a surface that does not shine."""
         return float(self._looks[1][0].double().mean())
@@ -168,13 +177,14 @@ class Pilot:
 
     @cached_property
     def _fully_lit(self) -> _Lit:
-        return self._lit(FINE)
+        return self._lit(self.fine)
 
     @torch.no_grad()
     def _direct_at(
-        self, points: Receivers, settings: RenderSettings
+        self, points: Receivers, settings: RenderSettings, clip: bool = False
     ) -> Float[Tensor, "point channel"]:
-        world, generator = self.world, torch.Generator().manual_seed(self.seed)
+        world = self.lit_world if clip else self.lit_world._replace(blockers=None)
+        generator = torch.Generator().manual_seed(self.seed + settings.shadow_samples)
         weights = emitter_weights(world, settings, points, generator)
         lamps = lamp_irradiance(world, settings, points, generator)
         return lamps + weights @ world.glow(world.triangles)
@@ -188,7 +198,7 @@ class Pilot:
     def reflections(self) -> Reflections:
         """Reflected light of the pilot points."""
         lit = self._fully_lit.everywhere
-        return look_at_reflections(self.world, self.points, self.surfaces, lit)
+        return look_at_reflections(self.lit_world, self.points, self.surfaces, lit)
 
     @cached_property
     def albedo(self) -> Float[Tensor, "point channel"]:
@@ -239,12 +249,19 @@ class Pilot:
         longest edges, m.
         """
         points = self.points
-        bend, some = bends(self.world, points, COARSE * self.world.rays.scale)
+        bend, some = bends(self.lit_world, points, COARSE * self.world.rays.scale)
         albedo = self.scene.albedo_at(some.triangle, some.barycentric).detach().double()
         corners = self.world.triangles.corners[some.triangle]
         edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
         mean = self.light / max(1, len(points.face))
         return (albedo * bend).sum(-1) / mean, edge
+
+    def patch_count(self, size: float) -> float:
+        """How many patches that size (m) makes: the renderer's own grid, counted."""
+        if size not in self._counts:
+            splits = (self.edges / size - 2.0**-20).ceil().clamp(min=1)
+            self._counts[size] = float(splits.square().sum())
+        return self._counts[size]
 
     def patch_error(self, size: float) -> float:
         """Relative L1 error by patches of that longest edge, m."""
@@ -263,30 +280,51 @@ class Pilot:
         where, counts = self._looks
         if self.camera is None or self.light <= 0:
             return 0.0, 0.0
-        flat = torch.nonzero(counts.reshape(-1)).squeeze(-1)
-        radiance = self._radiance(where.take(flat)).sum(-1)
-        full = radiance.new_zeros(counts.numel()).index_copy(0, flat, radiance)
-        middle, *pair = full.reshape(counts.shape)
-        # pixels partly covered by an emitter are not counted, as they are not in the picture
-        shines = self._shines(where).reshape(counts.shape).any(0)
-        off = (middle - (pair[0] + pair[1]) / 2).abs() * ~shines
-        error = float(guarded_divide(off.sum(), middle.sum()))
+        error = self._one_ray_error(where, counts)
         surface = self.world.triangles.surface[where.triangle.clamp(min=0)]
         kind = torch.where(where.triangle >= 0, surface, -1).reshape(counts.shape)
-        step = ((where.position - where.position[: len(middle)].repeat(3, 1))
-                * where.normal[: len(middle)].repeat(3, 1)).sum(-1)  # fmt: skip
+        middle = where.take(torch.arange(counts.shape[1], device=counts.device).repeat(3))
+        step = ((where.position - middle.position) * middle.normal).sum(-1)
         bent = (step.abs() > STEP * self.world.rays.scale / 100).reshape(counts.shape).any(0)
         edge = ((kind != kind[0]).any(0) | bent) & counts.any(0)
         return error, float(edge.double().mean())
 
+    def _one_ray_error(self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"]) -> float:
+        """Relative to the light of the pixels' middles.
+
+        Sampled light is noisy in penumbras. Where clipping takes too long for all pixels, some
+        of them tell by how much that makes the error larger than it is.
+        """
+        blockers, every = self.lit_world.blockers, counts.shape[1]
+        some = 0
+        if blockers is not None:
+            work = len(blockers) * len(self.lit_world.emitters.corners)
+            some = every if work <= CLIPS else every // SPARSE
+        part = torch.arange(every, device=counts.device) < some
+        exact = self._steps(where, counts & part, True)
+        if some == every:
+            return float(guarded_divide(exact[0].sum(), exact[1].sum()))
+        rough, light = self._steps(where, counts, False)
+        excess = float((rough - exact[0])[part].mean()) if some else 0.0
+        return max(0.0, float(guarded_divide(rough.mean() - excess, light.mean())))
+
+    def _steps(
+        self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"], clip: bool
+    ) -> tuple[Float[Tensor, "pixel"], Float[Tensor, "pixel"]]:
+        """What the middle of a pixel differs from its pair, and its light; sums of channels."""
+        flat = torch.nonzero(counts.reshape(-1)).squeeze(-1)
+        found = where.take(flat)
+        albedo = self.scene.albedo_at(found.triangle, found.barycentric).detach().double()
+        light = self._direct_at(found.receivers, self.fine, clip) + self.reflections.at(found)
+        full = light.new_zeros(counts.numel()).index_copy(0, flat, (albedo * light).sum(-1))
+        middle, *pair = full.reshape(counts.shape)
+        # pixels partly covered by an emitter are not counted, as they are not in the picture
+        shines = self._shines(where).reshape(counts.shape).any(0)
+        return (middle - (pair[0] + pair[1]) / 2).abs() * ~shines, middle
+
     def _shines(self, where: SurfacePoints) -> Bool[Tensor, "look"]:
         emits = (self.world.triangles.emission > 0).any(-1)
         return emits[where.triangle.clamp(min=0)] & (where.triangle >= 0)
-
-    def _radiance(self, where: SurfacePoints) -> Float[Tensor, "look channel"]:
-        """rho E of any points."""
-        albedo = self.scene.albedo_at(where.triangle, where.barycentric).detach().double()
-        return albedo * (self._direct_at(where.receivers, FINE) + self.reflections.at(where))
 
     @property
     def one_ray_error(self) -> float:
