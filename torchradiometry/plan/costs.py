@@ -126,7 +126,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, float]:
     """How often each cause occurs in a picture with `settings`."""
     world, camera = pilot.world, pilot.camera
     pixels = camera.width * camera.height if camera is not None else 0
-    side, edges = settings.supersampling, 2 * pilot.edge_share
+    side, edges = settings.supersampling, 2 * pilot.one_ray.share
     more = edges * (4 * side**2 + 2) if side > 1 else 0.0
     points = pixels * (1 + (2 * edges if side > 1 else 0)) * max(pilot.seen, 1 / 64)
     polygons, blockers = len(world.emitters.corners), world.blockers

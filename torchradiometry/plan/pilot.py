@@ -37,10 +37,10 @@ from torchradiometry.transport.rules import sequence
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["Pilot"]
+__all__ = ["OneRay", "Pilot"]
 
-#: pixels that are looked at
-PIXELS = 512
+#: pixels that are looked at where faces shine, and where only lamps do, which is quick
+PIXELS, MORE = 512, 2048
 #: faces x vertices up to which it is asked whether any face can block
 MOST_TESTS = 2**24
 #: shadow rays of a point to all shining polygons, and at least to each, where nothing is left out
@@ -70,6 +70,20 @@ class _Lit(NamedTuple):
     seen: Float[Tensor, "point channel"]
     everywhere: Float[Tensor, "sample channel"]
     power: Float[Tensor, "sample"]
+
+
+class OneRay(NamedTuple):
+    """What one ray a pixel makes of a picture.
+
+    Attributes:
+        at_edges, inside: relative L1 error by pixels that show an edge of a surface, and by
+            those whose light bends.
+        share: of the pixels that show an edge.
+    """
+
+    at_edges: float
+    inside: float
+    share: float
 
 
 class Pilot:
@@ -145,8 +159,9 @@ class Pilot:
             met = (sample.weight > 0).unsqueeze(0)
         else:
             size = like.new_tensor([self.camera.width, self.camera.height])
-            centre = (sequence(PIXELS, 2, like) * size).floor()
-            shift = torch.rand(PIXELS, 2, generator=generator, dtype=torch.float64).to(like) - 0.5
+            count = PIXELS if len(self.world.emitters.corners) else MORE
+            centre = (sequence(count, 2, like) * size).floor()
+            shift = torch.rand(count, 2, generator=generator, dtype=torch.float64).to(like) - 0.5
             place = torch.cat((centre, centre + shift, centre - shift))
             where = see(self.world, *self.camera.rays(place))
             met = (where.face >= 0).reshape(3, -1)
@@ -275,38 +290,38 @@ class Pilot:
         return bent + self.blocks * share * PARTLY * (size / self.world.rays.scale) ** 2
 
     @cached_property
-    def _edges(self) -> tuple[float, float]:
-        """Relative L1 error of one ray a pixel, and the share of pixels with an edge."""
+    def one_ray(self) -> OneRay:
+        """The picture with one ray a pixel."""
         where, counts = self._looks
         if self.camera is None or self.light <= 0:
-            return 0.0, 0.0
-        error = self._one_ray_error(where, counts)
+            return OneRay(0.0, 0.0, 0.0)
+        edge, blockers = self._edges(where, counts), self.lit_world.blockers
+        work = 0 if blockers is None else len(blockers) * len(self.lit_world.emitters.corners)
+        step, light = self._steps(where, counts, work <= CLIPS)
+        inside = (step * ~edge).mean()
+        if work > CLIPS:
+            # some pixels tell by how much the noise of penumbras makes steps larger than they are
+            part = torch.arange(len(edge), device=edge.device) % SPARSE == 0
+            exact, _ = self._steps(where, counts & part, True)
+            inside = (inside - ((step - exact) * ~edge)[part].mean()).clamp(min=0)
+        at_edges, inside, error = (
+            float(guarded_divide(part, light.mean()))
+            for part in ((step * edge).mean(), inside, step.std() / len(step) ** 0.5)
+        )
+        both = at_edges + inside
+        more = 1 + error / both if both > 0 else 1.0
+        return OneRay(at_edges * more, inside * more, float(edge.double().mean()))
+
+    def _edges(
+        self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"]
+    ) -> Bool[Tensor, "pixel"]:
+        """Pixels that show more than one surface, or a bent one."""
         surface = self.world.triangles.surface[where.triangle.clamp(min=0)]
         kind = torch.where(where.triangle >= 0, surface, -1).reshape(counts.shape)
         middle = where.take(torch.arange(counts.shape[1], device=counts.device).repeat(3))
         step = ((where.position - middle.position) * middle.normal).sum(-1)
         bent = (step.abs() > STEP * self.world.rays.scale / 100).reshape(counts.shape).any(0)
-        edge = ((kind != kind[0]).any(0) | bent) & counts.any(0)
-        return error, float(edge.double().mean())
-
-    def _one_ray_error(self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"]) -> float:
-        """Relative to the light of the pixels' middles.
-
-        Sampled light is noisy in penumbras. Where clipping takes too long for all pixels, some
-        of them tell by how much that makes the error larger than it is.
-        """
-        blockers, every = self.lit_world.blockers, counts.shape[1]
-        some = 0
-        if blockers is not None:
-            work = len(blockers) * len(self.lit_world.emitters.corners)
-            some = every if work <= CLIPS else every // SPARSE
-        part = torch.arange(every, device=counts.device) < some
-        exact = self._steps(where, counts & part, True)
-        if some == every:
-            return float(guarded_divide(exact[0].sum(), exact[1].sum()))
-        rough, light = self._steps(where, counts, False)
-        excess = float((rough - exact[0])[part].mean()) if some else 0.0
-        return max(0.0, float(guarded_divide(rough.mean() - excess, light.mean())))
+        return ((kind != kind[0]).any(0) | bent) & counts.any(0)
 
     def _steps(
         self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"], clip: bool
@@ -325,13 +340,3 @@ class Pilot:
     def _shines(self, where: SurfacePoints) -> Bool[Tensor, "look"]:
         emits = (self.world.triangles.emission > 0).any(-1)
         return emits[where.triangle.clamp(min=0)] & (where.triangle >= 0)
-
-    @property
-    def one_ray_error(self) -> float:
-        """Relative L1 error of the picture with one ray a pixel."""
-        return self._edges[0]
-
-    @property
-    def edge_share(self) -> float:
-        """Share of the pixels that show more than one surface."""
-        return self._edges[1]
