@@ -14,6 +14,7 @@ Without a camera the pilot looks at points spread evenly over all surfaces.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -54,6 +55,8 @@ ERRORS = 1.5
 BLUR, POWER = 2.3, 1.3
 #: error of reflected light between patches as large as the scene that see each other in part
 PARTLY = 0.03
+#: share of the light below which a shadow is rounding
+SHADE = 1e-9
 #: slope out of the plane above which two points of a pixel lie on different surfaces
 STEP = 0.2
 
@@ -98,6 +101,7 @@ class Pilot:
     def __init__(self, scene: Scene, camera: AbstractCamera | None, seed: int = 0) -> None:
         self.scene, self.camera, self.seed = scene, camera, seed
         self.world: World = prepare(scene, RenderSettings())
+        self._known: dict[RenderSettings, _Lit] = {}
         self._counts: dict[float, float] = {}
         self.lit_world = thinned(self.world)
         polygons = max(1, len(self.lit_world.emitters.corners))
@@ -179,9 +183,14 @@ class Pilot:
         """Share of the pixels that see a surface that does not shine."""
         return float(self._looks[1][0].double().mean())
 
-    @torch.no_grad()
     def _lit(self, settings: RenderSettings) -> _Lit:
-        """Direct light of the pilot points and of all surfaces, evaluated together."""
+        """Direct light of the pilot points and of all surfaces."""
+        if settings not in self._known:
+            self._known[settings] = self._evaluated(settings)
+        return self._known[settings]
+
+    @torch.no_grad()
+    def _evaluated(self, settings: RenderSettings) -> _Lit:
         found, sample = self.points, self.surfaces
         parts = zip(found.receivers, sample.receivers, strict=True)
         light = self._direct_at(Receivers(*(torch.cat(pair) for pair in parts)), settings)
@@ -190,9 +199,17 @@ class Pilot:
         power = sample.weight * (albedo * everywhere).sum(-1)
         return _Lit(seen, everywhere, power)
 
-    @cached_property
+    @property
     def _fully_lit(self) -> _Lit:
         return self._lit(self.fine)
+
+    @cached_property
+    def shaded(self) -> float:
+        """Share of the pilot points that some face keeps some light from."""
+        if not self.blocks or not len(self.points.face):
+            return 0.0
+        free, full = self._lit(replace(self.fine, shadow_samples=0)).seen, self.full_direct
+        return float((full < (1 - SHADE) * free).any(-1).double().mean())
 
     @torch.no_grad()
     def _direct_at(
@@ -298,15 +315,15 @@ class Pilot:
         edge, blockers = self._edges(where, counts), self.lit_world.blockers
         work = 0 if blockers is None else len(blockers) * len(self.lit_world.emitters.corners)
         step, light = self._steps(where, counts, work <= CLIPS)
-        inside = (step * ~edge).mean()
+        bent = (step * ~edge).mean()
         if work > CLIPS:
             # some pixels tell by how much the noise of penumbras makes steps larger than they are
             part = torch.arange(len(edge), device=edge.device) % SPARSE == 0
             exact, _ = self._steps(where, counts & part, True)
-            inside = (inside - ((step - exact) * ~edge)[part].mean()).clamp(min=0)
+            bent = (bent - ((step - exact) * ~edge)[part].mean()).clamp(min=0)
         at_edges, inside, error = (
             float(guarded_divide(part, light.mean()))
-            for part in ((step * edge).mean(), inside, step.std() / len(step) ** 0.5)
+            for part in ((step * edge).mean(), bent, step.std() / len(step) ** 0.5)
         )
         both = at_edges + inside
         more = 1 + error / both if both > 0 else 1.0
