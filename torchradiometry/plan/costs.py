@@ -38,7 +38,8 @@ MICROSECONDS = {
     "ray": 2.5,
     "batch": 4000,
     "lamp point": 5,
-    "polygon point": 6,
+    "lit point": 5,
+    "polygon point": 2.5,
     "shadow ray": 2.5,
     "clipped point": 20,
     "exchange": 60000,
@@ -163,6 +164,7 @@ def _lit(pilot: Pilot, settings: RenderSettings, points: float) -> dict[str, flo
     rays = 0 if exact else polygons * (settings.shadow_samples if soft else 1)
     return {
         "lamp point": lamps * points * (1.0 if settings.near else 0.5),
+        "lit point": points * (polygons > 0),
         "polygon point": polygons * points * (1.0 if settings.extent else 0.3),
         "shadow ray": points * shaded * (lamps + rays),
         "clipped point": points * clipped * pilot.shaded,

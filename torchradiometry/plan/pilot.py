@@ -55,8 +55,6 @@ ERRORS = 1.5
 BLUR, POWER = 2.3, 1.3
 #: error of reflected light between patches as large as the scene that see each other in part
 PARTLY = 0.03
-#: share of the light below which a shadow is rounding
-SHADE = 1e-9
 #: slope out of the plane above which two points of a pixel lie on different surfaces
 STEP = 0.2
 
@@ -209,7 +207,7 @@ class Pilot:
         if not self.blocks or not len(self.points.face):
             return 0.0
         free, full = self._lit(replace(self.fine, shadow_samples=0)).seen, self.full_direct
-        return float((full < (1 - SHADE) * free).any(-1).double().mean())
+        return float((~torch.isclose(full, free)).any(-1).double().mean())
 
     @torch.no_grad()
     def _direct_at(

@@ -30,7 +30,7 @@ MOST_FACES = 48_000
 #: factor on what the coarse pilot says is left after some bounces
 MARGIN = 1.25
 #: error below which more bounces are not asked for
-NOTHING = 1e-5
+NOTHING = 1e-4
 
 
 @final
