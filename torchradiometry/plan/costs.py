@@ -38,9 +38,10 @@ MICROSECONDS = {
     "ray": 2.5,
     "batch": 4000,
     "lamp point": 5,
-    "lit point": 5,
+    "lit point": 6,
     "polygon point": 2.5,
     "shadow ray": 2.5,
+    "clipped batch": 20000,
     "clipped point": 20,
     "exchange": 60000,
     "patch": 400,
@@ -130,12 +131,11 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     count = count if settings.bounces else 0.0
     dense = count <= MOST_DENSE
     pairs = count**2 / 2 * dense
-    calls = {"batch": 2.0 if side == 1 else 4.0, "ray": pixels * (1 + more)}
+    batches = 1.0 if side == 1 else 4.0
     return {
         "prepare": {"start": 1.0, "triangle": float(len(pilot.world.triangles.surface))},
-        "direct": calls | _lit(pilot, settings, points),
+        "direct": {"ray": pixels * (1 + more)} | _lit(pilot, settings, points, batches),
         "indirect": {
-            "batch": 1.0 * (balance + count > 0),
             "ray": float(balance * RAYS),
             "exchange": float(count > 0),
             "patch": count * dense,
@@ -143,7 +143,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
             "blocked pair": pairs * pilot.blocks,
             "clustered patch": count * (not dense),
         }
-        | _lit(pilot, settings, balance + LIT * count),
+        | _lit(pilot, settings, balance + LIT * count, float(balance + count > 0)),
         "shade": {
             "picture": 1.0,
             "bounce": float(settings.bounces),
@@ -153,7 +153,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     }
 
 
-def _lit(pilot: Pilot, settings: RenderSettings, points: float) -> dict[str, float]:
+def _lit(pilot: Pilot, settings: RenderSettings, points: float, batches: float) -> dict[str, float]:
     """What direct light on some points takes."""
     world, lamps = pilot.world, len(pilot.scene.sources)
     polygons, blockers = len(world.emitters.corners), world.blockers
@@ -163,10 +163,12 @@ def _lit(pilot: Pilot, settings: RenderSettings, points: float) -> dict[str, flo
     clipped = polygons * len(blockers) if exact and blockers is not None else 0
     rays = 0 if exact else polygons * (settings.shadow_samples if soft else 1)
     return {
+        "batch": batches,
+        "clipped batch": batches * (clipped > 0),
         "lamp point": lamps * points * (1.0 if settings.near else 0.5),
         "lit point": points * (polygons > 0),
         "polygon point": polygons * points * (1.0 if settings.extent else 0.3),
-        "shadow ray": points * shaded * (lamps + rays),
+        "shadow ray": points * shaded * (lamps + rays * pilot.facing),
         "clipped point": points * clipped * pilot.shaded,
     }
 

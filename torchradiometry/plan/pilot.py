@@ -27,7 +27,11 @@ from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflec
 from torchradiometry.plan.resolution import bends
 from torchradiometry.plan.rough import thinned
 from torchradiometry.render.ambient import SurfaceSample, on_surfaces
-from torchradiometry.render.direct import emitter_weights, lamp_irradiance
+from torchradiometry.render.direct import (
+    emitter_weights,
+    lamp_irradiance,
+    small_source_irradiance,
+)
 from torchradiometry.render.points import Receivers, SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
@@ -208,6 +212,15 @@ class Pilot:
             return 0.0
         free, full = self._lit(replace(self.fine, shadow_samples=0)).seen, self.full_direct
         return float((~torch.isclose(full, free)).any(-1).double().mean())
+
+    @cached_property
+    def facing(self) -> float:
+        """Share of the pairs of a pilot point and a shining polygon that face each other."""
+        polygons = self.lit_world.emitters.corners
+        if not len(polygons) or not len(self.points.face):
+            return 0.0
+        position, normal = (t.unsqueeze(1) for t in self.points.receivers[:2])
+        return float((small_source_irradiance(position, normal, polygons) > 0).double().mean())
 
     @torch.no_grad()
     def _direct_at(
