@@ -14,7 +14,15 @@ from functools import cache
 import torch
 from torch import Tensor
 
-__all__ = ["BOWL_ANGLE", "BOWL_RIM", "DISTANCE", "perspective_reliefs", "reliefs"]
+__all__ = [
+    "BOWL_ANGLE",
+    "BOWL_RIM",
+    "CAMERAS",
+    "DISTANCE",
+    "perspective_reliefs",
+    "reliefs",
+    "reliefs_by",
+]
 
 #: m from the camera to the plane h = 0
 DISTANCE = 2.0
@@ -49,6 +57,19 @@ def perspective_reliefs(
     y, x = torch.meshgrid(-axis, axis, indexing="ij")
     seen = {name: _first(h, x, y)[None, None].to(dtype) for name, h in _heights().items()}
     return seen, torch.tensor(matrix, dtype=dtype)
+
+
+#: how a depth map may be seen
+CAMERAS = ("pinhole", "orthographic")
+
+
+@cache
+def reliefs_by(camera: str, size: int) -> tuple[dict[str, Tensor], dict]:
+    """All reliefs seen by one of `CAMERAS`, and what names it: intrinsics or pixel_size."""
+    if camera == "orthographic":
+        return reliefs(size), {"pixel_size": 1 / size}
+    depths, matrix = perspective_reliefs(size)
+    return depths, {"intrinsics": matrix}
 
 
 def _first(h: Height, x: Tensor, y: Tensor, steps: int = 400) -> Tensor:

@@ -35,7 +35,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import DTypeError, ShapeError
 from torchradiometry.numerics import guarded_divide, wide
 
 if TYPE_CHECKING:
@@ -47,7 +47,9 @@ __all__ = [
     "View",
     "height_field",
     "image_normals",
+    "is_seen",
     "pixel_axis",
+    "ray_slope",
     "slices",
     "view_of",
 ]
@@ -128,8 +130,17 @@ def view_of(
         pixel_size: side of a pixel, m.
 
     Raises:
-        ShapeError: wrong axes, or both or neither of `intrinsics` and `pixel_size`.
+        DTypeError: depth that is not a tensor of real floating-point numbers.
+        ShapeError: wrong axes, another batch of intrinsics, or both or neither of `intrinsics`
+            and `pixel_size`.
     """
+    if not isinstance(depth, Tensor) or not depth.is_floating_point():
+        got = (
+            f"a tensor of {depth.dtype}"
+            if isinstance(depth, Tensor)
+            else f"a {type(depth).__name__}"
+        )
+        raise DTypeError("depth", got, "pass a floating-point tensor, in m")
     if depth.ndim != 4 or depth.shape[1] != 1 or 0 in depth.shape[2:]:
         got = f"a tensor of shape {tuple(depth.shape)}"
         raise ShapeError("depth", got, "pass B x 1 x H x W")
@@ -140,6 +151,9 @@ def view_of(
         if intrinsics.shape[-2:] != (3, 3) or intrinsics.ndim not in (2, 3):
             got = f"a tensor of shape {tuple(intrinsics.shape)}"
             raise ShapeError("intrinsics", got, "pass `3 3` or `B 3 3`")
+        if intrinsics.ndim == 3 and intrinsics.shape[0] not in (1, depth.shape[0]):
+            got = f"{intrinsics.shape[0]} matrices for {depth.shape[0]} depth maps"
+            raise ShapeError("intrinsics", got, "pass one, or one for each map")
         matrix = intrinsics.reshape(-1, 3, 3).to(depth)[..., None, None]
         return View(matrix[:, 0, 0], matrix[:, 1, 1], matrix[:, 0, 2], matrix[:, 1, 2], True)
     size = torch.as_tensor(pixel_size, dtype=depth.dtype, device=depth.device)
@@ -155,6 +169,12 @@ def pixel_axis(size: int, like: Tensor) -> Float[Tensor, "size"]:
     return torch.arange(size, dtype=like.dtype, device=like.device) + 0.5
 
 
+def is_seen(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> Bool[Tensor, "B 1 H W"]:
+    """Where a depth is a finite number and, for a pinhole, in front of it."""
+    seen = depth.abs() < torch.inf
+    return seen & (depth > 0) if perspective else seen
+
+
 def height_field(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> HeightField:
     """A depth map as heights over its mean.
 
@@ -165,8 +185,7 @@ def height_field(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> HeightFi
     Differentiable in: depth (the level is a constant: nothing depends on it).
     Export: compile yes, ONNX yes.
     """
-    seen = (depth.abs() < torch.inf).squeeze(1)
-    seen = seen & (depth.squeeze(1) > 0) if perspective else seen
+    seen = is_seen(depth, perspective).squeeze(1)
     (clean,) = wide(torch.where(seen, depth.squeeze(1), 1))
     measure = 1 / clean if perspective else clean
     total = torch.where(seen, measure, 0).detach().sum((1, 2), keepdim=True)
@@ -199,6 +218,31 @@ def image_normals(field: HeightField, view: View) -> Float[Tensor, "B 3 H W"]:
     length = (nx * nx + ny * ny + nz * nz).rsqrt()
     length = torch.where(known & also & field.seen, length, 0)
     return torch.stack((nx * length, ny * length, nz * length), 1)
+
+
+def ray_slope(
+    view: View,
+    height: Float[Tensor, "*batch"],
+    pixel: tuple[Tensor, Tensor],
+    direction: tuple[Tensor, Tensor, Tensor],
+) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch"], Float[Tensor, "*batch"]]:
+    """D, the image direction of rays: what u, v and h change by; all arguments broadcast.
+
+    Args:
+        view: its tensors broadcast against the others.
+        height: h where the rays start.
+        pixel: u and v where they start.
+        direction: l in the camera frame: x, y and z.
+
+    Differentiable in: all tensors.
+    Export: compile yes, ONNX yes.
+    """
+    lx, ly, lz = direction
+    across, down = view.fx * lx, -view.fy * ly
+    if not view.perspective:
+        return across, down, lz
+    u, v = pixel
+    return across + lz * (u - view.cx), down + lz * (v - view.cy), lz * (1 + height)
 
 
 def slices(

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import OutOfRangeError, ShapeError
 from torchradiometry.geometry.depth import checked_size
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.shade.layout import check_image
 from torchradiometry.transport.depth_maps.horizons import sliced_pixels
 from torchradiometry.transport.depth_maps.sky import horizon, open_sky
 
@@ -54,7 +55,9 @@ def ambient_occlusion(
         Both 0 where nothing is seen.
 
     Raises:
-        ShapeError: no reach in a graph whose height and width stay dynamic.
+        DTypeError: depth that is not floating-point.
+        ShapeError: wrong axes or sizes, both or neither of `intrinsics` and `pixel_size`, or
+            no reach in a graph whose height and width stay dynamic.
 
     Differentiable in: depth, normal, the camera. Kinks where the highest point of a horizon
         changes.
@@ -65,6 +68,8 @@ def ambient_occlusion(
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
     normal = image_normals(field, view) if normal is None else normal
+    check_image("normal", normal, 3, depth)
+    normal = torch.where(field.seen.unsqueeze(1), normal, 0)
     size = depth.shape[-2:]
     if reach is None:
         if torch.compiler.is_exporting():

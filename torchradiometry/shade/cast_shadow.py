@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import checked_size, depth_to_points
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
-from torchradiometry.shade.layout import chosen_sources, to_points
+from torchradiometry.shade.layout import check_sources, chosen_sources, to_points
 from torchradiometry.sources.base import AbstractSource
 from torchradiometry.transport.depth_maps.shadows import hard_shadows, soft_shadows
 
@@ -56,6 +56,10 @@ def cast_shadows(
         nothing is seen. Pixels that face away from a light may be reported either way: there the
         cosine is 0.
 
+    Raises:
+        DTypeError: depth that is not floating-point, or sources of another dtype or device.
+        ShapeError: wrong axes, or both or neither of `intrinsics` and `pixel_size`.
+
     Differentiable in: with a width, depth, the sources and the camera.
     Export: compile yes, ONNX yes; batch, height and width may stay dynamic.
 
@@ -69,11 +73,13 @@ def cast_shadows(
     """
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
-    normal = to_points(image_normals(field, view))
-    near = any(source.needs_position for source in sources)
-    points = to_points(depth_to_points(depth, intrinsics, pixel_size)) if near else None
-    if points is not None:
-        points = torch.where(points.isfinite(), points, -1)
+    facing, places = image_normals(field, view), None
+    if any(source.needs_position for source in sources):
+        # any finite place will do where nothing is seen
+        held = torch.where(field.seen.unsqueeze(1), depth, 1)
+        places = depth_to_points(held, intrinsics, pixel_size)
+    check_sources(sources, facing, places)
+    normal, points = to_points(facing), None if places is None else to_points(places)
     found = []
     for source in sources:
         if not source.has_direction:

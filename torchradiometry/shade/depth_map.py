@@ -22,12 +22,13 @@ from torch import Tensor, nn
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import checked_size, depth_to_normals, depth_to_points
+from torchradiometry.geometry.image_space import is_seen
 from torchradiometry.materials.lobes import AbstractLobe
 from torchradiometry.materials.phong import Phong
 from torchradiometry.shade.ambient_occlusion import ambient_occlusion
 from torchradiometry.shade.cast_shadow import cast_shadows
 from torchradiometry.shade.interreflection import reflected_irradiance
-from torchradiometry.shade.lambertian import check_channels, image_irradiance
+from torchradiometry.shade.lambertian import check_channels, diffuse_radiance, image_irradiance
 from torchradiometry.shade.layout import (
     check_image,
     chosen_sources,
@@ -137,13 +138,15 @@ class ShadeDepth(nn.Module):
         chosen = chosen_sources(self.sources, sources)
         normal = depth_to_normals(depth, intrinsics, self.pixel_size)
         check_image("albedo", albedo, None, normal)
+        seen = is_seen(depth, self.pixel_size is None)
+        albedo = torch.where(seen, albedo, 0)
         position = None
         if any(source.needs_position for source in chosen) or (
             self.pixel_size is None and specular is not None
         ):
             # normals are 0 where no point is, so any finite place will do
-            points = depth_to_points(depth, intrinsics, self.pixel_size)
-            position = torch.where(points.isfinite(), points, -1)
+            held = torch.where(seen, depth, 1)
+            position = depth_to_points(held, intrinsics, self.pixel_size)
         visibility = None
         if self.settings.cast_shadows and any(source.has_direction for source in chosen):
             width = self.settings.shadow_width
@@ -152,11 +155,12 @@ class ShadeDepth(nn.Module):
         if self.settings.bounces:
             received = received + self._reflected(depth, albedo, received, normal, intrinsics)
         check_channels("albedo", albedo, received)
-        radiance = albedo * received / math.pi
+        radiance = diffuse_radiance(albedo, received)
         if specular is None or shininess is None or not self.settings.specular:
             return radiance
         check_image("specular", specular, None, normal)
         check_image("shininess", shininess, 1, normal)
+        specular, shininess = (torch.where(seen, image, 0) for image in (specular, shininess))
         eye = view_directions(normal, position, perspective=self.pixel_size is None)
         highlight = specular_irradiance(
             self.lobe.brdf,

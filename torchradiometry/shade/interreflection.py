@@ -1,7 +1,7 @@
 """Interreflection on a depth map: what the parts of one visible surface send each other.
 
-    L = rho / pi (E + E_r),    E_r(x) = integral over the surface seen from x of  B/pi max(0, n
-    . w) dw B = rho (E + E_r)
+    L = rho / pi (E + E_r),    B = rho (E + E_r),
+    E_r(x) = integral over the surface seen from x of  B/pi max(0, n . w) dw
 
 E is the direct irradiance, E_r that of light reflected by the surface itself, bounce by bounce,
 and optionally what comes after the last bounce as ambient light (`solve.ambient`). Radiosity B
@@ -17,7 +17,6 @@ Ikeuchi and T. Kanade, "Shape from Interreflections", IJCV 6 (1991).
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, final
 
 import torch
@@ -25,8 +24,9 @@ from torch import Tensor, nn
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import checked_size
-from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.geometry.image_space import height_field, image_normals, is_seen, view_of
 from torchradiometry.numerics import guarded_divide
+from torchradiometry.shade.lambertian import diffuse_radiance
 from torchradiometry.shade.layout import check_image
 from torchradiometry.solve.ambient import ambient_tail
 from torchradiometry.solve.neumann import neumann_series
@@ -73,6 +73,10 @@ def reflected_irradiance(
     Returns:
         0 on convex surfaces and without albedo, exactly; 0 where nothing is seen.
 
+    Raises:
+        DTypeError: maps that are not floating-point.
+        ShapeError: wrong axes or sizes, or both or neither of `intrinsics` and `pixel_size`.
+
     Differentiable in: depth, albedo, irradiance, normal, the camera.
     Export: compile yes, ONNX yes; batch, height and width may stay dynamic.
 
@@ -81,9 +85,13 @@ def reflected_irradiance(
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
     normal = image_normals(field, view) if normal is None else normal
-    check_image("normal", normal, 3)
+    check_image("normal", normal, 3, depth)
     check_image("albedo", albedo, None, normal)
     check_image("irradiance", irradiance, None, normal)
+    seen = field.seen.unsqueeze(1)
+    normal, albedo, irradiance = (
+        torch.where(seen, image, 0) for image in (normal, albedo, irradiance)
+    )
     grid = grid_over((depth.shape[-2], depth.shape[-1]), cells, depth)
     probes = sliced_pixels(field, view, normal, azimuths, grid.middle)
     if not torch.compiler.is_compiling():  # no more than one height a pixel
@@ -93,9 +101,7 @@ def reflected_irradiance(
     steps = (steps * (grid.spacing / fine)).round().clamp(min=1).reshape(-1, fine)
     own = torch.arange(cells[0] * cells[1], device=depth.device)
     exchange = slice_exchange(probes, steps, grid.cell_of, own)
-    seen = field.seen.unsqueeze(1)
     share = grid.means(seen.to(depth.dtype))
-    albedo = torch.where(seen, albedo, 0)
     held, leaving = (
         _rows(guarded_divide(grid.means(image), share)) for image in (albedo, albedo * irradiance)
     )
@@ -183,11 +189,10 @@ class InterreflectionShading(nn.Module):
     ) -> None:
         super().__init__()
         self.cells = (cells, cells) if isinstance(cells, int) else (int(cells[0]), int(cells[1]))
-        if min(self.cells) < 2 or bounces < 1 or azimuths < 4:
-            got = f"{self.cells}, {bounces}, {azimuths}"
-            raise OutOfRangeError(
-                "cells, bounces, azimuths", got, "pass at least 2 x 2 cells, 1 bounce, 4 azimuths"
-            )
+        if min(self.cells) < 2 or bounces < 1 or azimuths < 4 or fine < 1:
+            got = f"{self.cells}, {bounces}, {azimuths}, {fine}"
+            mend = "pass at least 2 x 2 cells, 1 bounce, 4 azimuths, 1 height a cell"
+            raise OutOfRangeError("cells, bounces, azimuths, fine", got, mend)
         self.bounces, self.tail, self.azimuths, self.fine = bounces, tail, azimuths, fine
         self.pixel_size = checked_size(pixel_size)
 
@@ -213,7 +218,9 @@ class InterreflectionShading(nn.Module):
             azimuths=self.azimuths,
             fine=self.fine,
         )
-        return albedo * (irradiance + reflected) / math.pi
+        seen = is_seen(depth, self.pixel_size is None)
+        albedo, irradiance = (torch.where(seen, image, 0) for image in (albedo, irradiance))
+        return diffuse_radiance(albedo, irradiance + reflected)
 
     def extra_repr(self) -> str:
         after = " + ambient tail" if self.tail else ""

@@ -104,7 +104,7 @@ def _check_same_size(where: str, image: Tensor, like: Tensor) -> None:
         raise ShapeError(
             where,
             f"a tensor of shape {tuple(image.shape)}",
-            f"pass batch {batch} (or 1), height {height} and width {width}, as the normals have",
+            f"pass batch {batch} (or 1), height {height} and width {width}, as other maps",
         )
 
 

@@ -76,13 +76,16 @@ def slice_exchange(
     count = steps.reshape(-1, 1, 1)
     where = neighbours(probes.size, probes.pixel, probes.step, count)
     rise = (gathered(probes.heights, where) - probes.own) / count.unsqueeze(-1)
-    risen = probes.slices.alpha * rise + probes.slices.beta
+    met_at = probes.slices.alpha * rise + probes.slices.beta
     horizons = [probes.tangent]
-    for met in risen.unflatten(0, steps.shape).amax(1).unbind(0):
+    for met in met_at.unflatten(0, steps.shape).amax(1).unbind(0):
         horizons.append(torch.maximum(horizons[-1], met))
     # half of each piece of surface to either end: (c_{k-1} - c_k)/2 + (c_k - c_{k+1})/2
-    share = lit_share(torch.stack([horizons[0], *horizons, horizons[-1]]), probes.normal)
-    weight = (share[:-2] - share[2:]) * (probes.weight / math.tau)
+    cot = torch.stack([horizons[0], *horizons, horizons[-1]])
+    share = lit_share(cot, probes.normal)
+    # equal horizons hide exactly nothing, though arc functions may round them differently
+    risen = torch.where(cot[2:] > cot[:-2], share[:-2] - share[2:], 0)
+    weight = risen * (probes.weight / math.tau)
     ends = neighbours(probes.size, probes.pixel, probes.step, steps[:, -1:, None])
     nearest = torch.where(ends.share.detach() < 0.5, ends.first, ends.second)
     here = own_cell.expand_as(nearest[:1])

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.geometry.image_space import HeightField, View, pixel_axis, slices
+from torchradiometry.geometry.image_space import HeightField, View, pixel_axis, ray_slope, slices
 from torchradiometry.numerics import angle_of, guarded_divide, safe_sqrt
 from torchradiometry.transport.depth_maps.crossings import (
     Crossings,
@@ -187,17 +187,16 @@ def _rays(
     *,
     detached: bool = False,
 ) -> LightRays:
-    """D of `image_space`, by steps of the longer axis."""
+    """`ray_slope` by steps of the longer axis, and as far as the lights."""
     height, (lx, ly, lz) = field.height, direction
     if detached:
         height, lx, ly, lz, distance = (t.detach() for t in (height, lx, ly, lz, distance))
         view = view.map(torch.Tensor.detach)
-    across, down, rise, end = view.fx * lx, -view.fy * ly, lz, distance
+    u = pixel_axis(height.shape[-1], height)
+    v = pixel_axis(height.shape[-2], height).unsqueeze(-1)
+    across, down, rise = ray_slope(view, height, (u, v), (lx, ly, lz))
+    end = distance
     if view.perspective:
-        u = pixel_axis(height.shape[-1], height)
-        v = pixel_axis(height.shape[-2], height).unsqueeze(-1)
-        across, down = across + lz * (u - view.cx), down + lz * (v - view.cy)
-        rise = lz * (1 + height)
         depth = field.level / (1 + height)
         far = torch.isinf(distance)
         # s = r / (d - r l_z), and 1 / -l_z for r -> infinity
