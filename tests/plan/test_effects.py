@@ -1,12 +1,14 @@
 """Every effect: levels from left out to best, errors that fall, settings that exist."""
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
+import torch
 
 from tests import cases
 from torchradiometry import plan, render
+from torchradiometry.plan.costs import counts
 from torchradiometry.scene import STANDARD_SCENES
 
 NAMES = ("ball", "crate", "cornell", "lamp and ball")
@@ -61,3 +63,30 @@ def test_shadows_that_are_left_out_brighten_reflected_light_too(
     measured = (without.radiance - with_shadows.radiance)[mask].abs().sum()
     measured = float(measured / with_shadows.radiance[mask].sum())
     assert measured <= error <= 4 * measured
+
+
+@pytest.mark.parametrize("name", ["ball", "crate", "groove"])
+def test_edges_and_bending_light_are_predicted_for_any_number_of_rays(name: str) -> None:
+    made = STANDARD_SCENES[name](48, 36)
+    levels = plan.Supersampling().levels(plan.Pilot(made, made.cameras[0]))
+    settings = render.RenderSettings(bounces=0)
+
+    def radiance(side: int) -> torch.Tensor:
+        chosen = replace(settings, supersampling=side)
+        return render.render_scene(made, made.cameras[0], chosen).radiance
+
+    fine = radiance(12)
+    for level in levels[:3]:
+        off = (radiance(level.settings["supersampling"]) - fine).abs().sum() / fine.sum()
+        assert off / 1.25 <= level.error <= 3 * off
+
+
+def test_what_is_left_out_costs_nothing(pilots: dict[str, plan.Pilot]) -> None:
+    off = render.RenderSettings(bounces=0, shadow_samples=0, supersampling=1)
+    for pilot in pilots.values():
+        found = counts(pilot, off)
+        assert not any(found["indirect"].values())
+        assert found["direct"]["shadow ray"] == found["direct"]["clipped point"] == 0
+        more = counts(pilot, replace(off, bounces=2, patch_size=0.5, shadow_samples=2))
+        assert more["indirect"]["pair"] > 0
+        assert more["direct"]["shadow ray"] + more["direct"]["clipped point"] > 0

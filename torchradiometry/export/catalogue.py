@@ -26,6 +26,7 @@ from torchradiometry.geometry.depth import depth_to_normals
 from torchradiometry.materials.blinn_phong import BlinnPhong
 from torchradiometry.materials.phong import NormalizedPhong, OriginalPhong, Phong
 from torchradiometry.shade.ambient import AmbientShading
+from torchradiometry.shade.interreflection import InterreflectionShading
 from torchradiometry.shade.lambertian import LambertianShading
 from torchradiometry.shade.phong import PhongShading
 from torchradiometry.sources.base import AbstractSource
@@ -150,6 +151,15 @@ def _normals_from_depth() -> ExportLayer:
     )
 
 
+def _interreflection() -> ExportLayer:
+    """One bounce on 16 x 16 cells of a pinhole's depth map."""
+    images, depth = _images(), _normals_from_depth().example
+    example = {"depth": depth["depth"], "albedo": images["albedo"]}
+    example |= {"irradiance": torch.ones(BATCH, 3, HEIGHT, WIDTH)}
+    example |= {"intrinsics": depth["intrinsics"]}
+    return ExportLayer(InterreflectionShading(), example, {"radiance": "W/m2/sr"})
+
+
 def _visible() -> ExportLayer:
     """Directional light with a visibility map for each light."""
     module = SourcesAsInputs(
@@ -178,6 +188,7 @@ LAYERS: Mapping[str, Callable[[], ExportLayer]] = {
     **{f"{lobe}-{s}": _lobed(lobe, s) for lobe in LOBES for s in ("directional", "point")},
     **{f"phong-{source}": _lobed("phong", source) for source in ("spot", "sphere", "polygon")},
     "ambient": _ambient,
+    "interreflection": _interreflection,
     "normals-from-depth": _normals_from_depth,
 }
 

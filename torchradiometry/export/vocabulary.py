@@ -44,6 +44,7 @@ VOCABULARY: dict[str, InputNote] = {
     "shininess": InputNote(("batch", "1", *IMAGE), "shininess", "1"),
     "outgoing_direction": InputNote(("batch", "3", *IMAGE), "normal", "1"),
     "radiance": InputNote(("batch", "C"), "radiance", "W/m2/sr"),
+    "irradiance": InputNote(("batch", "C", *IMAGE), "irradiance", "W/m2"),
     "depth": InputNote(("batch", "1", *IMAGE), "depth", "m"),
     "points": InputNote(("batch", "3", *IMAGE), "points", "m"),
     "intrinsics": InputNote(("3", "3"), "intrinsics", "pixel"),

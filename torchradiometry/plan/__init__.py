@@ -1,6 +1,7 @@
 """HOW MUCH IS ENOUGH: from a scene and a tolerance to the effects it calls for."""
 
 from torchradiometry.plan.costs import Costs, calibrate, stored_costs
+from torchradiometry.plan.depth_planner import DepthPlan, DepthPlanner, PlannedDepthShading
 from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.effects import (
     EFFECTS,
@@ -29,6 +30,8 @@ __all__ = [
     "CastShadows",
     "ColourBleeding",
     "Costs",
+    "DepthPlan",
+    "DepthPlanner",
     "DirectLight",
     "FallOff",
     "Interreflection",
@@ -39,6 +42,7 @@ __all__ = [
     "Pilot",
     "Plan",
     "PlanRow",
+    "PlannedDepthShading",
     "PlannedLevel",
     "PlannedShader",
     "Planner",

@@ -14,14 +14,13 @@ import json
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
 
 from torchradiometry.errors import FileFormatError
 from torchradiometry.files import atomic_path, check_readable
-from torchradiometry.plan.effects.patches import patch_count
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.ambient import POINTS as SAMPLE
 from torchradiometry.render.ambient import RAYS
@@ -39,10 +38,13 @@ MICROSECONDS = {
     "ray": 2.5,
     "batch": 4000,
     "lamp point": 5,
-    "polygon point": 6,
+    "lit point": 6,
+    "polygon point": 2.5,
     "shadow ray": 2.5,
-    "clipped point": 1.5,
-    "patch": 60,
+    "clipped batch": 20000,
+    "clipped point": 20,
+    "exchange": 60000,
+    "patch": 400,
     "pair": 2,
     "blocked pair": 2,
     "clustered patch": 800,
@@ -56,27 +58,22 @@ DEFAULT = {name: price / 1_000_000 for name, price in MICROSECONDS.items()}
 WEAKLY = 0.05
 #: largest logarithm of a price over the default's
 FARTHEST = 3.0
-#: stages of a picture, and the causes that each is made of
-STAGES = {
-    "prepare": ("start", "triangle"),
-    "direct": ("batch", "ray", "lamp point", "polygon point", "shadow ray", "clipped point"),
-    "indirect": ("patch", "pair", "blocked pair", "clustered patch"),
-    "shade": ("picture", "bounce", "surface point", "bounce pair"),
-}
+#: points of a patch that are lit directly
+LIT = 16
 #: pictures that prices are fitted to: scene, size, settings
 TRIALS = (
     ("ball", 64, RenderSettings(bounces=0, shadow_samples=0)),
-    ("ball", 256, RenderSettings(bounces=0, shadow_samples=0)),
+    ("ball", 192, RenderSettings(bounces=0, shadow_samples=0)),
     ("crate", 128, RenderSettings(bounces=0)),
     ("cornell", 64, RenderSettings(bounces=0, extent=False, shadow_samples=0)),
-    ("cornell", 128, RenderSettings(bounces=0, penumbra=False)),
-    ("cornell", 128, RenderSettings(bounces=0)),
-    ("columns", 48, RenderSettings(bounces=0)),
+    ("cornell", 96, RenderSettings(bounces=0, penumbra=False)),
+    ("cornell", 96, RenderSettings(bounces=0)),
+    ("columns", 32, RenderSettings(bounces=0)),
     ("groove", 32, RenderSettings(patch_size=0.25)),
     ("white room", 32, RenderSettings(patch_size=1.5)),
     ("cornell", 32, RenderSettings(patch_size=2.0)),
     ("cornell", 32, RenderSettings(patch_size=1.0, bounces=16)),
-    ("two rooms", 32, RenderSettings(patch_size=1.0, bounces=48)),
+    ("two rooms", 32, RenderSettings(patch_size=1.5, bounces=48)),
 )
 
 
@@ -94,10 +91,9 @@ class Costs:
 
     def seconds(self, pilot: Pilot, settings: RenderSettings) -> dict[str, float]:
         """Predicted seconds of each stage."""
-        found = counts(pilot, settings)
         return {
-            stage: sum(self.prices[cause] * found[cause] for cause in causes)
-            for stage, causes in STAGES.items()
+            stage: sum(self.prices[cause] * count for cause, count in causes.items())
+            for stage, causes in counts(pilot, settings).items()
         }
 
     def save(self, path: str | Path) -> None:
@@ -123,40 +119,57 @@ class Costs:
         return cls(prices, True)
 
 
-def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, float]:
-    """How often each cause occurs in a picture with `settings`."""
-    world, camera = pilot.world, pilot.camera
+def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]]:
+    """How often each cause occurs in each stage of a picture with `settings`."""
+    camera = pilot.camera
     pixels = camera.width * camera.height if camera is not None else 0
-    side, edges = settings.supersampling, 2 * pilot.edge_share
+    side, edges = settings.supersampling, 2 * pilot.one_ray.share
     more = edges * (4 * side**2 + 2) if side > 1 else 0.0
     points = pixels * (1 + (2 * edges if side > 1 else 0)) * max(pilot.seen, 1 / 64)
-    polygons, blockers = len(world.emitters.corners), world.blockers
-    lamps, balance = len(pilot.scene.sources), SAMPLE if settings.ambient else 0
-    points += balance
-    count = patch_count(pilot, settings.patch_size) if settings.patch_size else 0.0
+    balance = SAMPLE if settings.ambient and settings.bounces == 0 else 0
+    count = pilot.patch_count(settings.patch_size) if settings.patch_size else 0.0
     count = count if settings.bounces else 0.0
     dense = count <= MOST_DENSE
-    shaded = settings.shadow_samples > 0
-    exact = shaded and settings.penumbra and settings.extent and blockers is not None
-    rays = settings.shadow_samples if settings.penumbra and settings.extent else 1
-    clipped = polygons * len(blockers) if exact and blockers is not None else 0
+    pairs = count**2 / 2 * dense
+    batches = 1.0 if side == 1 else 4.0
     return {
-        "start": 1.0,
-        "triangle": float(len(world.triangles.surface)),
-        "ray": pixels * (1 + more) + balance * RAYS,
-        "batch": 2.0 if side == 1 else 4.0,
+        "prepare": {"start": 1.0, "triangle": float(len(pilot.world.triangles.surface))},
+        "direct": {"ray": pixels * (1 + more)} | _lit(pilot, settings, points, batches),
+        "indirect": {
+            "ray": float(balance * RAYS),
+            "exchange": float(count > 0),
+            "patch": count * dense,
+            "pair": pairs,
+            "blocked pair": pairs * pilot.blocks,
+            "clustered patch": count * (not dense),
+        }
+        | _lit(pilot, settings, balance + LIT * count, float(balance + count > 0)),
+        "shade": {
+            "picture": 1.0,
+            "bounce": float(settings.bounces),
+            "surface point": points + balance,
+            "bounce pair": (count**2 if dense else 64 * count) * (settings.bounces + 1),
+        },
+    }
+
+
+def _lit(pilot: Pilot, settings: RenderSettings, points: float, batches: float) -> dict[str, float]:
+    """What direct light on some points takes."""
+    world, lamps = pilot.world, len(pilot.scene.sources)
+    polygons, blockers = len(world.emitters.corners), world.blockers
+    shaded = settings.shadow_samples > 0
+    soft = settings.penumbra and settings.extent
+    exact = shaded and soft and blockers is not None
+    clipped = polygons * len(blockers) if exact and blockers is not None else 0
+    rays = 0 if exact else polygons * (settings.shadow_samples if soft else 1)
+    return {
+        "batch": batches,
+        "clipped batch": batches * (clipped > 0),
         "lamp point": lamps * points * (1.0 if settings.near else 0.5),
+        "lit point": points * (polygons > 0),
         "polygon point": polygons * points * (1.0 if settings.extent else 0.3),
-        "shadow ray": points * shaded * (lamps + (0 if exact else polygons * rays)),
-        "clipped point": points * clipped,
-        "patch": count * dense * (1 + lamps + polygons + (clipped or rays * shaded * polygons) / 4),
-        "pair": (count * dense) ** 2 / 2,
-        "blocked pair": (count * dense) ** 2 / 2 * pilot.blocks,
-        "clustered patch": count * (not dense),
-        "picture": 1.0,
-        "bounce": float(settings.bounces),
-        "surface point": points,
-        "bounce pair": (count**2 if dense else 64 * count) * (settings.bounces + 1),
+        "shadow ray": points * shaded * (lamps + rays * pilot.facing),
+        "clipped point": points * clipped * pilot.shaded,
     }
 
 
@@ -184,23 +197,22 @@ def calibrate(
         store: where to keep them; None: where `stored_costs` looks.
         progress: called with the share that is done.
     """
-    rows: list[tuple[dict[str, float], dict[str, float]]] = []
-    for number, (name, size, settings) in enumerate(TRIALS):
+    rows: list[tuple[dict[str, float], float]] = []
+    for number, (name, size, settings) in enumerate((TRIALS[0], *TRIALS)):
         scene = STANDARD_SCENES[name](size, size * 3 // 4)
-        view_scene(scene, scene.cameras[0], replace(settings, patch_size=None, bounces=0))
         view = view_scene(scene, scene.cameras[0], settings)
-        pilot = Pilot(scene, scene.cameras[0])
-        rows.append((counts(pilot, settings), develop(view, scene).seconds))
-        progress((number + 1) / len(TRIALS))
-    prices: dict[str, float] = {}
-    for stage, causes in STAGES.items():
-        fitted = _fitted(
-            torch.tensor([[found[c] for c in causes] for found, _ in rows], dtype=torch.float64),
-            torch.tensor([seconds[stage] for _, seconds in rows], dtype=torch.float64),
-            torch.tensor([DEFAULT[c] for c in causes], dtype=torch.float64),
-        )
-        prices |= dict(zip(causes, fitted.tolist(), strict=True))
-    costs = Costs(prices, True)
+        seconds = develop(view, scene).seconds
+        found = counts(Pilot(scene, scene.cameras[0]), settings)
+        # the first one is made twice: once to warm up
+        rows += [(causes, seconds[stage]) for stage, causes in found.items() if number]
+        progress((number + 1) / (len(TRIALS) + 1))
+    count = [[causes.get(cause, 0.0) for cause in DEFAULT] for causes, _ in rows]
+    fitted = _fitted(
+        torch.tensor(count, dtype=torch.float64),
+        torch.tensor([seconds for _, seconds in rows], dtype=torch.float64),
+        torch.tensor(list(DEFAULT.values()), dtype=torch.float64),
+    )
+    costs = Costs(dict(zip(DEFAULT, fitted.tolist(), strict=True)), True)
     costs.save(store or stored_path())
     return costs
 
@@ -228,5 +240,4 @@ def _fitted(count: torch.Tensor, seconds: torch.Tensor, first: torch.Tensor) -> 
 
     with torch.enable_grad():
         steps.step(loss)
-    known = (count > 0).any(0)
-    return torch.where(known, first * (start + limited(change)).exp(), first).detach()
+    return (first * (start + limited(change)).exp()).detach()

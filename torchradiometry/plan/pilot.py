@@ -14,6 +14,7 @@ Without a camera the pilot looks at points spread evenly over all surfaces.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,8 +25,13 @@ from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
 from torchradiometry.plan.resolution import bends
+from torchradiometry.plan.rough import thinned
 from torchradiometry.render.ambient import SurfaceSample, on_surfaces
-from torchradiometry.render.direct import emitter_weights, lamp_irradiance
+from torchradiometry.render.direct import (
+    emitter_weights,
+    lamp_irradiance,
+    small_source_irradiance,
+)
 from torchradiometry.render.points import Receivers, SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
@@ -36,14 +42,17 @@ from torchradiometry.transport.rules import sequence
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["FINE", "Pilot"]
+__all__ = ["OneRay", "Pilot"]
 
-#: pixels that are looked at
-PIXELS = 512
+#: pixels that are looked at where faces shine, and where only lamps do, which is quick
+PIXELS, MORE = 512, 2048
 #: faces x vertices up to which it is asked whether any face can block
 MOST_TESTS = 2**24
-#: how direct light is evaluated where nothing is left out
-FINE = RenderSettings(shadow_samples=8)
+#: shadow rays of a point to all shining polygons, and at least to each, where nothing is left out
+SHADOWS, EACH = 8, 4
+#: blockers x shining polygons up to which penumbras are clipped at all pixels, and at one in how
+#: many otherwise
+CLIPS, SPARSE = 16, 6
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
@@ -68,6 +77,20 @@ class _Lit(NamedTuple):
     power: Float[Tensor, "sample"]
 
 
+class OneRay(NamedTuple):
+    """What one ray a pixel makes of a picture.
+
+    Attributes:
+        at_edges, inside: relative L1 error by pixels that show an edge of a surface, and by
+            those whose light bends.
+        share: of the pixels that show an edge.
+    """
+
+    at_edges: float
+    inside: float
+    share: float
+
+
 class Pilot:
     """What a quick look at a scene shows; everything is found when it is first asked for.
 
@@ -79,7 +102,13 @@ class Pilot:
 
     def __init__(self, scene: Scene, camera: AbstractCamera | None, seed: int = 0) -> None:
         self.scene, self.camera, self.seed = scene, camera, seed
-        self.world: World = prepare(scene, FINE)
+        self.world: World = prepare(scene, RenderSettings())
+        self._known: dict[RenderSettings, _Lit] = {}
+        self._counts: dict[float, float] = {}
+        self.lit_world = thinned(self.world)
+        polygons = max(1, len(self.lit_world.emitters.corners))
+        #: how direct light is evaluated where nothing is left out
+        self.fine = RenderSettings(shadow_samples=max(EACH, SHADOWS // polygons))
 
     @cached_property
     def surfaces(self) -> SurfaceSample:
@@ -136,28 +165,34 @@ class Pilot:
             met = (sample.weight > 0).unsqueeze(0)
         else:
             size = like.new_tensor([self.camera.width, self.camera.height])
-            centre = (sequence(PIXELS, 2, like) * size).floor()
-            shift = torch.rand(PIXELS, 2, generator=generator, dtype=torch.float64).to(like) - 0.5
+            count = PIXELS if len(self.world.emitters.corners) else MORE
+            centre = (sequence(count, 2, like) * size).floor()
+            shift = torch.rand(count, 2, generator=generator, dtype=torch.float64).to(like) - 0.5
             place = torch.cat((centre, centre + shift, centre - shift))
             where = see(self.world, *self.camera.rays(place))
             met = (where.face >= 0).reshape(3, -1)
         shines = (self.world.triangles.emission > 0).any(-1)[where.triangle.clamp(min=0)]
         return where, met & ~shines.reshape(met.shape)
 
-    @property
+    @cached_property
     def points(self) -> SurfacePoints:
         """What the middles of the pilot pixels see, emitters and background left out."""
         where, counts = self._looks
         return where.take(torch.nonzero(counts[0]).squeeze(-1))
 
-    @property
+    @cached_property
     def seen(self) -> float:
         """Share of the pixels that see a surface that does not shine."""
         return float(self._looks[1][0].double().mean())
 
-    @torch.no_grad()
     def _lit(self, settings: RenderSettings) -> _Lit:
-        """Direct light of the pilot points and of all surfaces, evaluated together."""
+        """Direct light of the pilot points and of all surfaces."""
+        if settings not in self._known:
+            self._known[settings] = self._evaluated(settings)
+        return self._known[settings]
+
+    @torch.no_grad()
+    def _evaluated(self, settings: RenderSettings) -> _Lit:
         found, sample = self.points, self.surfaces
         parts = zip(found.receivers, sample.receivers, strict=True)
         light = self._direct_at(Receivers(*(torch.cat(pair) for pair in parts)), settings)
@@ -166,15 +201,33 @@ class Pilot:
         power = sample.weight * (albedo * everywhere).sum(-1)
         return _Lit(seen, everywhere, power)
 
-    @cached_property
+    @property
     def _fully_lit(self) -> _Lit:
-        return self._lit(FINE)
+        return self._lit(self.fine)
+
+    @cached_property
+    def shaded(self) -> float:
+        """Share of the pilot points that some face keeps some light from."""
+        if not self.blocks or not len(self.points.face):
+            return 0.0
+        free, full = self._lit(replace(self.fine, shadow_samples=0)).seen, self.full_direct
+        return float((~torch.isclose(full, free)).any(-1).double().mean())
+
+    @cached_property
+    def facing(self) -> float:
+        """Share of the pairs of a pilot point and a shining polygon that face each other."""
+        polygons = self.lit_world.emitters.corners
+        if not len(polygons) or not len(self.points.face):
+            return 0.0
+        position, normal = (t.unsqueeze(1) for t in self.points.receivers[:2])
+        return float((small_source_irradiance(position, normal, polygons) > 0).double().mean())
 
     @torch.no_grad()
     def _direct_at(
-        self, points: Receivers, settings: RenderSettings
+        self, points: Receivers, settings: RenderSettings, clip: bool = False
     ) -> Float[Tensor, "point channel"]:
-        world, generator = self.world, torch.Generator().manual_seed(self.seed)
+        world = self.lit_world if clip else self.lit_world._replace(blockers=None)
+        generator = torch.Generator().manual_seed(self.seed + settings.shadow_samples)
         weights = emitter_weights(world, settings, points, generator)
         lamps = lamp_irradiance(world, settings, points, generator)
         return lamps + weights @ world.glow(world.triangles)
@@ -188,7 +241,7 @@ class Pilot:
     def reflections(self) -> Reflections:
         """Reflected light of the pilot points."""
         lit = self._fully_lit.everywhere
-        return look_at_reflections(self.world, self.points, self.surfaces, lit)
+        return look_at_reflections(self.lit_world, self.points, self.surfaces, lit)
 
     @cached_property
     def albedo(self) -> Float[Tensor, "point channel"]:
@@ -239,12 +292,19 @@ class Pilot:
         longest edges, m.
         """
         points = self.points
-        bend, some = bends(self.world, points, COARSE * self.world.rays.scale)
+        bend, some = bends(self.lit_world, points, COARSE * self.world.rays.scale)
         albedo = self.scene.albedo_at(some.triangle, some.barycentric).detach().double()
         corners = self.world.triangles.corners[some.triangle]
         edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
         mean = self.light / max(1, len(points.face))
         return (albedo * bend).sum(-1) / mean, edge
+
+    def patch_count(self, size: float) -> float:
+        """How many patches that size (m) makes: the renderer's own grid, counted."""
+        if size not in self._counts:
+            splits = (self.edges / size - 2.0**-20).ceil().clamp(min=1)
+            self._counts[size] = float(splits.square().sum())
+        return self._counts[size]
 
     def patch_error(self, size: float) -> float:
         """Relative L1 error by patches of that longest edge, m."""
@@ -258,42 +318,53 @@ class Pilot:
         return bent + self.blocks * share * PARTLY * (size / self.world.rays.scale) ** 2
 
     @cached_property
-    def _edges(self) -> tuple[float, float]:
-        """Relative L1 error of one ray a pixel, and the share of pixels with an edge."""
+    def one_ray(self) -> OneRay:
+        """The picture with one ray a pixel."""
         where, counts = self._looks
         if self.camera is None or self.light <= 0:
-            return 0.0, 0.0
+            return OneRay(0.0, 0.0, 0.0)
+        edge, blockers = self._edges(where, counts), self.lit_world.blockers
+        work = 0 if blockers is None else len(blockers) * len(self.lit_world.emitters.corners)
+        step, light = self._steps(where, counts, work <= CLIPS)
+        bent = (step * ~edge).mean()
+        if work > CLIPS:
+            # some pixels tell by how much the noise of penumbras makes steps larger than they are
+            part = torch.arange(len(edge), device=edge.device) % SPARSE == 0
+            exact, _ = self._steps(where, counts & part, True)
+            bent = (bent - ((step - exact) * ~edge)[part].mean()).clamp(min=0)
+        at_edges, inside, error = (
+            float(guarded_divide(part, light.mean()))
+            for part in ((step * edge).mean(), bent, step.std() / len(step) ** 0.5)
+        )
+        both = at_edges + inside
+        more = 1 + error / both if both > 0 else 1.0
+        return OneRay(at_edges * more, inside * more, float(edge.double().mean()))
+
+    def _edges(
+        self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"]
+    ) -> Bool[Tensor, "pixel"]:
+        """Pixels that show more than one surface, or a bent one."""
+        surface = self.world.triangles.surface[where.triangle.clamp(min=0)]
+        kind = torch.where(where.triangle >= 0, surface, -1).reshape(counts.shape)
+        middle = where.take(torch.arange(counts.shape[1], device=counts.device).repeat(3))
+        step = ((where.position - middle.position) * middle.normal).sum(-1)
+        bent = (step.abs() > STEP * self.world.rays.scale / 100).reshape(counts.shape).any(0)
+        return ((kind != kind[0]).any(0) | bent) & counts.any(0)
+
+    def _steps(
+        self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"], clip: bool
+    ) -> tuple[Float[Tensor, "pixel"], Float[Tensor, "pixel"]]:
+        """What the middle of a pixel differs from its pair, and its light; sums of channels."""
         flat = torch.nonzero(counts.reshape(-1)).squeeze(-1)
-        radiance = self._radiance(where.take(flat)).sum(-1)
-        full = radiance.new_zeros(counts.numel()).index_copy(0, flat, radiance)
+        found = where.take(flat)
+        albedo = self.scene.albedo_at(found.triangle, found.barycentric).detach().double()
+        light = self._direct_at(found.receivers, self.fine, clip) + self.reflections.at(found)
+        full = light.new_zeros(counts.numel()).index_copy(0, flat, (albedo * light).sum(-1))
         middle, *pair = full.reshape(counts.shape)
         # pixels partly covered by an emitter are not counted, as they are not in the picture
         shines = self._shines(where).reshape(counts.shape).any(0)
-        off = (middle - (pair[0] + pair[1]) / 2).abs() * ~shines
-        error = float(guarded_divide(off.sum(), middle.sum()))
-        surface = self.world.triangles.surface[where.triangle.clamp(min=0)]
-        kind = torch.where(where.triangle >= 0, surface, -1).reshape(counts.shape)
-        step = ((where.position - where.position[: len(middle)].repeat(3, 1))
-                * where.normal[: len(middle)].repeat(3, 1)).sum(-1)  # fmt: skip
-        bent = (step.abs() > STEP * self.world.rays.scale / 100).reshape(counts.shape).any(0)
-        edge = ((kind != kind[0]).any(0) | bent) & counts.any(0)
-        return error, float(edge.double().mean())
+        return (middle - (pair[0] + pair[1]) / 2).abs() * ~shines, middle
 
     def _shines(self, where: SurfacePoints) -> Bool[Tensor, "look"]:
         emits = (self.world.triangles.emission > 0).any(-1)
         return emits[where.triangle.clamp(min=0)] & (where.triangle >= 0)
-
-    def _radiance(self, where: SurfacePoints) -> Float[Tensor, "look channel"]:
-        """rho E of any points."""
-        albedo = self.scene.albedo_at(where.triangle, where.barycentric).detach().double()
-        return albedo * (self._direct_at(where.receivers, FINE) + self.reflections.at(where))
-
-    @property
-    def one_ray_error(self) -> float:
-        """Relative L1 error of the picture with one ray a pixel."""
-        return self._edges[0]
-
-    @property
-    def edge_share(self) -> float:
-        """Share of the pixels that show more than one surface."""
-        return self._edges[1]

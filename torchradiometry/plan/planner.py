@@ -134,7 +134,7 @@ class _Search:
     def __init__(self, pilot: Pilot, effects: tuple[AbstractEffect, ...], costs: Costs) -> None:
         self.pilot, self.effects, self.costs = pilot, effects, costs
         self.levels: list[tuple[Level, ...]] = [effect.levels(pilot) for effect in effects]
-        self._seconds: dict[State, float] = {}
+        self._known: dict[State, tuple[float, float]] = {}
 
     def settings(self, state: State) -> RenderSettings:
         """Of all levels together."""
@@ -143,16 +143,20 @@ class _Search:
 
     def error(self, state: State) -> float:
         """Sum over the effects that apply."""
-        settings = self.settings(state)
-        chosen = zip(self.effects, self.levels, state, strict=True)
-        return sum(levels[n].error for e, levels, n in chosen if needs_met(e.needs, settings))
+        return self._found(state)[0]
 
     def seconds(self, state: State) -> float:
         """Predicted."""
-        if state not in self._seconds:
-            found = self.costs.seconds(self.pilot, self.settings(state))
-            self._seconds[state] = sum(found.values())
-        return self._seconds[state]
+        return self._found(state)[1]
+
+    def _found(self, state: State) -> tuple[float, float]:
+        if state not in self._known:
+            settings = self.settings(state)
+            chosen = zip(self.effects, self.levels, state, strict=True)
+            left = (levels[n].error for e, levels, n in chosen if needs_met(e.needs, settings))
+            seconds = self.costs.seconds(self.pilot, settings)
+            self._known[state] = sum(left), sum(seconds.values())
+        return self._known[state]
 
     def path(self) -> list[State]:
         """From the best state to the cheapest, error never falling."""

@@ -1,6 +1,6 @@
 """A quick look at reflected light: how much, how many bounces, how even, how coloured.
 
-Scenes of few faces are solved on coarse patches: the series E_1 + E_2 + ... is exact for them. In
+Scenes of few faces are solved on coarse patches whose form factors are counted rays (`rough`). In
 larger ones every face would be a patch; there
 the balance of ambient light (`render.ambient`) gives the mean, and the share h(x) of a point's
 hemisphere in which it sees surfaces gives its distribution:
@@ -12,16 +12,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from torchradiometry.numerics import guarded_divide
+from torchradiometry.plan.rough import counted_factors
 from torchradiometry.render.ambient import SurfaceSample, balanced_irradiance
 from torchradiometry.render.direct import cosine_directions
 from torchradiometry.render.indirect import (
-    Exchange,
+    Indirect,
     exchange_between,
     first_patches,
     indirect_at,
@@ -96,14 +98,14 @@ class SolvedReflections(Reflections):
     """On coarse patches."""
 
     world: World
-    exchange: Exchange
+    found: Indirect
     points: SurfacePoints
     irradiance: Tensor
     ambient: Tensor
     decay: float
 
     def _solved(self, settings: RenderSettings) -> Tensor:
-        found = solve_exchange(self.world, self.exchange, self.world.triangles, settings)
+        found = solve_exchange(self.world, self.found.exchange, self.world.triangles, settings)
         return indirect_at(found, self.points.face, self.points.on_face(self.world))
 
     def after(self, bounces: int) -> Tensor:
@@ -113,9 +115,7 @@ class SolvedReflections(Reflections):
         return self._solved(RenderSettings(bounces=ENOUGH, colour_bleeding=False))
 
     def at(self, where: SurfacePoints) -> Tensor:
-        full = RenderSettings(bounces=ENOUGH)
-        found = solve_exchange(self.world, self.exchange, self.world.triangles, full)
-        return indirect_at(found, where.face, where.on_face(self.world))
+        return indirect_at(self.found, where.face, where.on_face(self.world))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,11 +168,13 @@ def look_at_reflections(
 
 def _solved(world: World, points: SurfacePoints, ambient: Tensor, decay: float) -> Reflections:
     size = COARSE * world.rays.scale
-    settings = RenderSettings(patch_size=size, bounces=ENOUGH, pair_samples=2)
-    exchange = exchange_between(world, first_patches(world, settings), settings)
+    settings = RenderSettings(patch_size=size, bounces=ENOUGH, penumbra=False, extent=False)
+    patches = first_patches(world, settings)
+    between = partial(counted_factors, patches)
+    exchange = exchange_between(world, patches, settings, between)
     found = solve_exchange(world, exchange, world.triangles, settings)
     irradiance = indirect_at(found, points.face, points.on_face(world))
-    return SolvedReflections(world, exchange, points, irradiance, ambient, decay)
+    return SolvedReflections(world, found, points, irradiance, ambient, decay)
 
 
 def _view(world: World, points: SurfacePoints) -> Float[Tensor, "point"]:

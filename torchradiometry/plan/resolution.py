@@ -37,8 +37,8 @@ __all__ = ["bends"]
 POINTS, RAYS = 96, 24
 #: how far corners are drawn towards the middle of the patch
 INWARDS = 0.1
-#: direct light where rays end: one shadow ray to each source
-ROUGH = RenderSettings(penumbra=False)
+#: direct light where rays end: one shadow ray to each source, taken as small
+ROUGH = RenderSettings(penumbra=False, extent=False)
 
 
 @torch.no_grad()

@@ -21,6 +21,7 @@ see only patches are closed to 1 all the same (`exposure`).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import torch
@@ -107,6 +108,10 @@ class Exchange(NamedTuple):
     reason: str
 
 
+#: how F of patches is found, see `operator_between`
+Between = Callable[[World, Patches, Exposure, RenderSettings], tuple[AbstractOperator, str]]
+
+
 class Indirect(NamedTuple):
     """Solved interreflection.
 
@@ -145,15 +150,26 @@ def first_patches(world: World, settings: RenderSettings) -> Subdivision:
     return unrefined(build_lattice(corners, splits))
 
 
-def exchange_between(world: World, subdivision: Subdivision, settings: RenderSettings) -> Exchange:
+def exchange_between(
+    world: World,
+    subdivision: Subdivision,
+    settings: RenderSettings,
+    between: Between | None = None,
+) -> Exchange:
     """Exposure, direct light and form factors of patches.
+
+    Args:
+        world: a prepared scene.
+        subdivision: its patches.
+        settings: shadow rays, samples, budget.
+        between: what finds F; None: `operator_between`.
 
     Raises:
         ResourceLimitError: too many patches for the budget.
     """
     patches = Patches(subdivision.corners)
     exposure = exposure_of(world, patches, settings.seed)
-    operator, reason = operator_between(world, patches, exposure, settings)
+    operator, reason = (between or operator_between)(world, patches, exposure, settings)
     triangle = world.faces.triangle[subdivision.face]
     weights, lamps = _direct(world, settings, patches, exposure)
     return Exchange(

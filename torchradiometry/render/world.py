@@ -41,6 +41,8 @@ COPLANAR = 2.0**-20
 CLIPPED = 64
 #: triangles beyond which blockers are not looked for
 LARGE = 2**12
+#: points that are asked first which triangles can block
+FEW = 64
 
 
 class Faces(NamedTuple):
@@ -141,8 +143,13 @@ def _blockers(
     """Differentiable in corners: where few faces block, shadows move with them."""
     if len(corners) > LARGE:
         return None
-    found = corners[possible_blockers(corners, corners.reshape(-1, 3), tolerance)]
-    blockers = convex_blockers(found) if len(found) <= 2 * CLIPPED else found
+    points, most = corners.reshape(-1, 3), 2 * CLIPPED // max(1, emitters)
+    # two triangles make a blocker at best; a few points already show most of those that block
+    some = points[:: max(1, len(points) // FEW)]
+    if int(possible_blockers(corners, some, tolerance).sum()) > most:
+        return None
+    found = corners[possible_blockers(corners, points, tolerance)]
+    blockers = convex_blockers(found) if len(found) <= most else found
     return blockers if len(blockers) * max(1, emitters) <= CLIPPED else None
 
 

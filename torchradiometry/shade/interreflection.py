@@ -24,7 +24,13 @@ from torch import Tensor, nn
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import checked_size
-from torchradiometry.geometry.image_space import height_field, image_normals, is_seen, view_of
+from torchradiometry.geometry.image_space import (
+    HeightField,
+    View,
+    height_field,
+    image_normals,
+    view_of,
+)
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.shade.lambertian import diffuse_radiance
 from torchradiometry.shade.layout import check_image
@@ -82,6 +88,19 @@ def reflected_irradiance(
 
     References: see the module.
     """
+    maps = _cleaned(depth, albedo, irradiance, intrinsics, pixel_size, normal)
+    return _reflected(*maps, cells, bounces, tail, azimuths, fine)
+
+
+def _cleaned(
+    depth: Tensor,
+    albedo: Tensor,
+    irradiance: Tensor,
+    intrinsics: Tensor | None,
+    pixel_size: float | Tensor | None,
+    normal: Tensor | None,
+) -> tuple[HeightField, View, Tensor, Tensor, Tensor]:
+    """The map, its normals, and albedo and irradiance that are 0 where nothing is seen."""
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
     normal = image_normals(field, view) if normal is None else normal
@@ -89,23 +108,42 @@ def reflected_irradiance(
     check_image("albedo", albedo, None, normal)
     check_image("irradiance", irradiance, None, normal)
     seen = field.seen.unsqueeze(1)
-    normal, albedo, irradiance = (
-        torch.where(seen, image, 0) for image in (normal, albedo, irradiance)
-    )
-    grid = grid_over((depth.shape[-2], depth.shape[-1]), cells, depth)
+    albedo, irradiance = (torch.where(seen, image, 0) for image in (albedo, irradiance))
+    return field, view, normal, albedo, irradiance
+
+
+def _reflected(
+    field: HeightField,
+    view: View,
+    normal: Tensor,
+    albedo: Tensor,
+    irradiance: Tensor,
+    cells: tuple[int, int],
+    bounces: int,
+    tail: bool,
+    azimuths: int,
+    fine: int,
+) -> Float[Tensor, "B C H W"]:
+    """E_r of maps that are 0 where nothing is seen."""
+    height = field.height
+    grid = grid_over((height.shape[-2], height.shape[-1]), cells, height)
     probes = sliced_pixels(field, view, normal, azimuths, grid.middle)
-    steps = torch.arange(1, 1 + fine * (max(cells) - 1), dtype=depth.dtype, device=depth.device)
+    if not torch.compiler.is_compiling():  # no more than one height a pixel
+        widest = max(-(-n // m) for n, m in zip(height.shape[-2:], cells, strict=True))
+        fine = min(fine, widest)
+    steps = torch.arange(1, 1 + fine * (max(cells) - 1), dtype=height.dtype, device=height.device)
     steps = (steps * (grid.spacing / fine)).round().clamp(min=1).reshape(-1, fine)
-    own = torch.arange(cells[0] * cells[1], device=depth.device)
+    own = torch.arange(cells[0] * cells[1], device=height.device)
     exchange = slice_exchange(probes, steps, grid.cell_of, own)
-    share = grid.means(seen.to(depth.dtype))
+    seen = field.seen.unsqueeze(1)
+    share = grid.means(seen.to(height.dtype))
     held, leaving = (
         _rows(guarded_divide(grid.means(image), share)) for image in (albedo, albedo * irradiance)
     )
     radiosity = _bounced(_Exchange(exchange), held, leaving, bounces, tail)
     arriving = exchange.irradiance(radiosity.permute(2, 1, 0)).permute(2, 0, 1)
     # probes that see nothing themselves leave their cells to their neighbours
-    known = (probes.normal[0] > 0).to(depth.dtype).mT.unsqueeze(1)
+    known = (probes.normal[0] > 0).to(height.dtype).mT.unsqueeze(1)
     near = grid.at_pixels(known.unflatten(-1, cells))
     received = grid.at_pixels((arriving * known).unflatten(-1, cells))
     return received * guarded_divide(seen.to(near.dtype), near)
@@ -202,21 +240,9 @@ class InterreflectionShading(nn.Module):
         normal: Float[Tensor, "B 3 H W"] | None = None,
     ) -> Float[Tensor, "B C H W"]:
         """Radiance `B C H W` in W/m2/sr; see `reflected_irradiance` for the arguments."""
-        reflected = reflected_irradiance(
-            depth,
-            albedo,
-            irradiance,
-            intrinsics,
-            self.pixel_size,
-            normal,
-            cells=self.cells,
-            bounces=self.bounces,
-            tail=self.tail,
-            azimuths=self.azimuths,
-            fine=self.fine,
-        )
-        seen = is_seen(depth, self.pixel_size is None)
-        albedo, irradiance = (torch.where(seen, image, 0) for image in (albedo, irradiance))
+        maps = _cleaned(depth, albedo, irradiance, intrinsics, self.pixel_size, normal)
+        grid = (self.cells, self.bounces, self.tail, self.azimuths, self.fine)
+        reflected, (albedo, irradiance) = _reflected(*maps, *grid), maps[-2:]
         return diffuse_radiance(albedo, irradiance + reflected)
 
     def extra_repr(self) -> str:

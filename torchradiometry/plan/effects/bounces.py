@@ -29,6 +29,8 @@ BOUNCES = (1, 2, 4, 8, 16, 32, 64)
 MOST_FACES = 48_000
 #: factor on what the coarse pilot says is left after some bounces
 MARGIN = 1.25
+#: error below which more bounces are not asked for
+NOTHING = 1e-4
 
 
 @final
@@ -62,9 +64,11 @@ class Interreflection(AbstractEffect):
             left = MARGIN * pilot.mean_error(found.irradiance - found.after(count))
             error, kind = min((left, "estimate"), (_bound(pilot, count), "bound"))
             settings = {"bounces": count, "ambient": False}
-            levels.append(Level(f"{count} bounces", error, kind, settings))
-        # more bounces never help where fewer already leave nothing
-        return tuple(_until_negligible(levels))
+            if error < levels[-1].error:
+                levels.append(Level(f"{count} bounces", error, kind, settings))
+            if error < NOTHING:
+                break
+        return tuple(levels)
 
     def why(self, pilot: Pilot, level: Level) -> str:
         found = pilot.reflections
@@ -89,14 +93,3 @@ def _bound(pilot: Pilot, bounces: int) -> float:
         largest += float(source(None, pilot.points.normal[:1]).irradiance.detach().sum(0).max())
     reflected = float(pilot.albedo.sum()) / pilot.light
     return reflected * largest * q ** (bounces + 1) / (1 - q)
-
-
-def _until_negligible(levels: list[Level]) -> list[Level]:
-    kept: list[Level] = []
-    for level in levels:
-        if kept and level.error >= kept[-1].error and level.name != "ambient":
-            continue
-        kept.append(level)
-        if level.error < 1e-5:
-            break
-    return kept

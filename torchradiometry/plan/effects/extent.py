@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
-from torchradiometry.plan.pilot import FINE, Pilot
+from torchradiometry.plan.pilot import Pilot
 
 __all__ = ["SourceExtent"]
 
@@ -21,7 +21,7 @@ class SourceExtent(AbstractEffect):
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         if len(pilot.world.emitters.corners) == 0:
             return (Level("left out", 0.0, "exact", {"extent": False}),)
-        error = pilot.direct_error(replace(FINE, extent=False))
+        error = pilot.direct_error(replace(pilot.fine, extent=False))
         return (
             Level("left out", error, "estimate", {"extent": False}),
             Level("exact", 0.0, "exact", {"extent": True}),

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
-from torchradiometry.plan.pilot import FINE, Pilot
+from torchradiometry.plan.pilot import Pilot
 
 __all__ = ["FallOff"]
 
@@ -24,7 +24,7 @@ class FallOff(AbstractEffect):
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         if not any(source.needs_position for source in pilot.scene.sources):
             return (Level("left out", 0.0, "exact", {"near": False}),)
-        error = pilot.direct_error(replace(FINE, near=False))
+        error = pilot.direct_error(replace(pilot.fine, near=False))
         return (
             Level("left out", error, "estimate", {"near": False}),
             Level("exact", 0.0, "exact", {"near": True}),

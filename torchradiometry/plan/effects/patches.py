@@ -13,7 +13,7 @@ from torchradiometry.plan.effect import AbstractEffect, Level
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.indirect import CLUSTER_ERROR, MOST_DENSE
 
-__all__ = ["PatchSize", "patch_count"]
+__all__ = ["PatchSize"]
 
 #: parts of the half diagonal of the scene to choose among
 PARTS = tuple(1.5 * 2 ** (k / 4) for k in range(20))
@@ -35,7 +35,7 @@ class PatchSize(AbstractEffect):
         for parts in PARTS:
             size = scale / parts
             error = pilot.patch_error(size)
-            count = patch_count(pilot, size)
+            count = pilot.patch_count(size)
             clustered = CLUSTER_ERROR if count > MOST_DENSE else 0.0
             levels.append(
                 Level(f"{size:.3g} m", error + clustered, "estimate", {"patch_size": size})
@@ -50,9 +50,4 @@ class PatchSize(AbstractEffect):
         if level.name == "none":
             return "no light is exchanged"
         size = level.settings["patch_size"]
-        return f"about {patch_count(pilot, float(size or 0)):.0f} patches"
-
-
-def patch_count(pilot: Pilot, size: float) -> float:
-    """How many patches that size makes: the renderer's own grid, counted."""
-    return float((pilot.edges / size - 2.0**-20).ceil().clamp(min=1).square().sum())
+        return f"about {pilot.patch_count(float(size or 0)):.0f} patches"

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
-from torchradiometry.plan.pilot import FINE, Pilot
+from torchradiometry.plan.pilot import Pilot
 
 __all__ = ["Penumbra"]
 
@@ -30,12 +30,12 @@ class Penumbra(AbstractEffect):
         off = {"penumbra": False}
         if len(pilot.world.emitters.corners) == 0 or not pilot.blocks:
             return (Level("left out", 0.0, "exact", off),)
-        error = pilot.direct_error(replace(FINE, penumbra=False)) + pilot.unseen
+        error = pilot.direct_error(replace(pilot.fine, penumbra=False)) + pilot.unseen
         none = Level("left out", error, "estimate", off)
         on = {"penumbra": True}
         if pilot.world.blockers is not None:
             return none, Level("clipped", 0.0, "exact", {**on, "shadow_samples": 1})
-        first = pilot.direct_error(replace(FINE, shadow_samples=RAYS[0]))
+        first = pilot.direct_error(replace(pilot.fine, shadow_samples=RAYS[0]))
         return none, *(
             Level(
                 f"{n} rays", first * (RAYS[0] / n) ** POWER, "estimate", {**on, "shadow_samples": n}

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import final
 
 from torchradiometry.plan.effect import AbstractEffect, Level
-from torchradiometry.plan.pilot import FINE, Pilot
+from torchradiometry.plan.pilot import Pilot
 
 __all__ = ["CastShadows"]
 
@@ -22,7 +22,7 @@ class CastShadows(AbstractEffect):
         off = {"shadow_samples": 0}
         if not pilot.blocks or not _shines(pilot):
             return (Level("left out", 0.0, "exact", off),)
-        error = pilot.direct_error(replace(FINE, shadow_samples=0)) + pilot.unseen
+        error = pilot.direct_error(replace(pilot.fine, shadow_samples=0)) + pilot.unseen
         return (
             Level("left out", error, "estimate", off),
             Level("cast", 0.0, "exact", {"shadow_samples": 1}),

@@ -25,15 +25,22 @@ References: L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
-from torch._higher_order_ops.while_loop import while_loop
 
 from torchradiometry.geometry.image_space import HeightField, View, pixel_axis, ray_slope, slices
 from torchradiometry.numerics import angle_of, guarded_divide, safe_sqrt
+from torchradiometry.transport.depth_maps.crossings import (
+    Crossings,
+    columns_met,
+    diagonals_met,
+    height_table,
+    longer_met,
+    march,
+    rows_met,
+)
 from torchradiometry.transport.depth_maps.horizons import below
 
 if TYPE_CHECKING:
@@ -60,7 +67,7 @@ class LightRays(NamedTuple):
     down: Float[Tensor, "light B H W"]
     rise: Float[Tensor, "light B H W"]
     reach: Float[Tensor, "light B H W"]
-    straight: Tensor
+    straight: Bool[Tensor, "light B H W"]
 
 
 def hard_shadows(
@@ -82,25 +89,29 @@ def hard_shadows(
     Export: compile yes, ONNX yes, as a `Loop`.
     """
     rays = _rays(field, view, direction, distance, detached=True)
+    table, height = height_table(field), field.height.detach()
     clearance = CLEARANCE / torch.sqrt(view.fx * view.fy)
-    free = field.seen
-    last = _needed(field, rays)
-    for edges in (_columns(rays), _rows(rays), _diagonals(rays)):
-        free = free & _free(field, rays, edges, last * edges.most, clearance)
-    return (free & field.seen).to(field.height.dtype)
+    least = height + clearance
+    needed = _needed(field, rays, rays.rise)
+    free = field.seen.expand(rays.rise.shape)
+    for lines in (columns_met, rows_met, diagonals_met):
+        steps = lines(field, rays.across, rays.down)
 
+        def look(
+            count: Tensor,
+            free: Tensor,
+            steps: Crossings,
+            least: Tensor,
+            rise: Tensor,
+            reach: Tensor,
+        ) -> tuple[Tensor]:
+            way = count * steps.spacing
+            over = steps.heights(table, count) > least + way * rise
+            return (free & ~(over & (way < reach)),)
 
-def _free(
-    field: HeightField, rays: LightRays, edges: _Edges, last: Tensor, clearance: Tensor
-) -> Bool[Tensor, "light B H W"]:
-    """Where no crossing with a family of edges lies over the ray."""
-
-    def look(count: Tensor, free: Tensor) -> tuple[Tensor, Tensor]:
-        way = count * edges.spacing
-        over = _met(field, rays, edges, count) - field.height.detach() - way * rays.rise > clearance
-        return count + 1, free & ~(over & (way < rays.reach))
-
-    return _until(last, look, torch.ones_like(rays.rise, dtype=torch.bool))[0]
+        last = needed / steps.spacing
+        free = march(look, (free,), last, steps, (least, rays.rise, rays.reach), stop=0)[0]
+    return free.to(height.dtype)
 
 
 def soft_shadows(
@@ -118,24 +129,36 @@ def soft_shadows(
     Export: compile yes, ONNX yes, as a `Loop`.
     """
     still = _rays(field, view, direction, distance, detached=True)
-    edges = _longer(still)
+    table, height = height_table(field), field.height.detach()
+    u = pixel_axis(height.shape[-1], height)
+    v = pixel_axis(height.shape[-2], height).unsqueeze(-1)
 
-    def look(count: Tensor, steepest: Tensor, nearest: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        slope = (_met(field, still, edges, count) - field.height.detach()) / count
-        steeper = (slope > steepest) & (count < still.reach)
+    def look(
+        count: Tensor,
+        steepest: Tensor,
+        nearest: Tensor,
+        steps: Crossings,
+        height: Tensor,
+        reach: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        slope = (steps.heights(table.detach(), count) - height) / count
+        steeper = (slope > steepest) & (count < reach)
         return (
-            count + 1,
             torch.where(steeper, slope, steepest),
-            torch.where(steeper, count.to(nearest), nearest),
+            torch.where(steeper, count.to(nearest.dtype), nearest),
         )
 
-    lowest = torch.full_like(still.rise, below(still.rise))
-    nearest = _until(_needed(field, still, width), look, lowest, torch.ones_like(lowest))[1]
+    cut = slices(view.map(torch.Tensor.detach), height, (u, v), (still.across, still.down))
+    light = cut.alpha * still.rise + cut.beta
+    lowest = (_turned(light, width) - cut.beta) / cut.alpha  # of edges that touch the disc
+    state = (torch.full_like(still.rise, below(height)), torch.ones_like(still.rise))
+    steps = longer_met(field, still.across, still.down)
+    held = (height.expand_as(still.rise), still.reach)
+    nearest = march(look, state, _needed(field, still, lowest), steps, held)[1]
+
     rays = _rays(field, view, direction, distance)
-    met = _met(field, rays, _longer(rays), nearest)
+    met = longer_met(field, rays.across, rays.down).heights(table, nearest)
     slope = torch.where(nearest < rays.reach, (met - field.height) / nearest, below(met))
-    u = pixel_axis(field.height.shape[-1], met)
-    v = pixel_axis(field.height.shape[-2], met).unsqueeze(-1)
     cut = slices(view, field.height, (u, v), (rays.across, rays.down))
     edge, light = (cut.alpha * s + cut.beta for s in (slope, rays.rise))
     share = _disc_over_edge(angle_of(edge - light, 1 + edge * light) / width)
@@ -147,6 +170,13 @@ def _disc_over_edge(t: Tensor) -> Tensor:
     t = t.clamp(-1, 1)
     root = safe_sqrt((1 - t) * (1 + t))
     return 0.5 - (angle_of(t, root) + t * root) / math.pi
+
+
+def _turned(cot: Tensor, angle: float) -> Tensor:
+    """Cotangent of an angle that is larger by `angle`; below everything beyond pi."""
+    turn = 1 / math.tan(angle)
+    short = cot + turn > 0
+    return torch.where(short, (cot * turn - 1) / torch.where(short, cot + turn, 1), below(cot))
 
 
 def _rays(
@@ -184,100 +214,10 @@ def _rays(
     )
 
 
-class _Edges(NamedTuple):
-    """Crossings of rays with one family of edges.
-
-    Attributes:
-        across, down: pixels from one crossing to the next.
-        spacing: steps of the longer axis from one crossing to the next.
-        kind: where the edge runs down, where across; both on diagonals.
-        most: crossings in a step of the longer axis, at most.
-    """
-
-    across: Tensor
-    down: Tensor
-    spacing: Tensor
-    kind: tuple[Tensor, Tensor]
-    most: int
-
-
-def _edges(rays: LightRays, rate: Tensor, kind: tuple[Tensor, Tensor], most: int) -> _Edges:
-    none = rate == 0
-    spacing = torch.where(none, torch.inf, 1 / torch.where(none, 1, rate.abs()))
-    step = torch.where(none, 0, spacing)
-    return _Edges(rays.across * step, rays.down * step, spacing, kind, most)
-
-
-def _columns(rays: LightRays) -> _Edges:
-    yes = torch.ones_like(rays.straight)
-    return _edges(rays, rays.across, (yes, ~yes), 1)
-
-
-def _rows(rays: LightRays) -> _Edges:
-    yes = torch.ones_like(rays.straight)
-    return _edges(rays, rays.down, (~yes, yes), 1)
-
-
-def _diagonals(rays: LightRays) -> _Edges:
-    yes = torch.ones_like(rays.straight)
-    return _edges(rays, rays.across - rays.down, (yes, yes), 2)
-
-
-def _longer(rays: LightRays) -> _Edges:
-    wide = rays.across.abs() >= rays.down.abs()
-    rate = torch.where(wide, rays.across, rays.down).sign()
-    return _edges(rays, rate, (wide, ~wide), 1)
-
-
-def _met(field: HeightField, rays: LightRays, edges: _Edges, count: Tensor) -> Tensor:
-    """Heights of the surface at the `count`-th crossing."""
-    rows, columns = field.height.shape[-2:]
-    u = torch.arange(columns, dtype=rays.rise.dtype, device=rays.rise.device)
-    v = torch.arange(rows, dtype=rays.rise.dtype, device=rays.rise.device).unsqueeze(-1)
-    column, row = u + count * edges.across, v + count * edges.down
-    runs_down, runs_across = edges.kind
-    # across an edge coordinates are whole, on a diagonal a whole number apart, up to rounding
-    left = torch.where(runs_across, column.detach(), column.detach().round()).floor()
-    top = torch.where(runs_down, row.detach(), row.detach().round()).floor()
-    left = torch.where(runs_down & runs_across, top + (column - row).detach().round(), left)
-    share = torch.where(runs_down, row - top, column - left)
-    low, right = top + runs_down.to(top), left + runs_across.to(left)
-    first, second = (_looked_up(field, r, c) for r, c in ((top, left), (low, right)))
-    return torch.lerp(first, second, share)
-
-
-def _looked_up(field: HeightField, row: Tensor, column: Tensor) -> Tensor:
-    """Heights of pixels, far below outside the map."""
-    images, rows, columns = field.height.shape
-    held = torch.where(field.seen, field.height, below(field.height)).flatten()
-    held = torch.cat((held, torch.full_like(held[:1], below(held))))
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    image = torch.arange(images, device=row.device).reshape(-1, 1, 1) * (rows * columns)
-    place = torch.where(inside, row * columns + column, 0).to(torch.int64) + image
-    place = torch.where(inside, place, images * rows * columns)
-    return held.index_select(0, place.flatten()).reshape(place.shape)
-
-
-def _needed(field: HeightField, rays: LightRays, width: float = 0.0) -> Tensor:
-    """Steps after which no height is left that could reach a ray (or its disc)."""
-    size = max(field.height.shape[-2:])
-    if width:
-        return torch.full((), size - 1, device=rays.rise.device)
-    highest = torch.where(field.seen, field.height, below(field.height)).max().detach()
-    climb = guarded_divide(highest - field.height.detach(), rays.rise.clamp(min=0), torch.inf)
+def _needed(field: HeightField, rays: LightRays, slope: Tensor) -> Float[Tensor, "light B H W"]:
+    """Steps after which no height is left that could reach a line of that slope."""
+    height, size = field.height.detach(), max(field.height.shape[-2:])
+    highest = torch.where(field.seen, height, below(height)).max()
+    climb = guarded_divide(highest - height, slope.clamp(min=0), torch.inf)
     way = torch.minimum(torch.minimum(climb, rays.reach), torch.full_like(climb, size))
-    way = torch.where(field.seen & ~rays.straight, way, 0)
-    return way.max().ceil().to(torch.int64)
-
-
-def _until(
-    last: Tensor, look: Callable[..., tuple[Tensor, ...]], *state: Tensor
-) -> tuple[Tensor, ...]:
-    """`look` for the counts 1..last; in a traced graph an ONNX `Loop`."""
-    count = torch.ones((), dtype=torch.int64, device=last.device)
-    if torch.compiler.is_compiling():
-        return while_loop(lambda count, *_: count <= last, look, (count, *state))[1:]
-    found: tuple[Tensor, ...] = (count, *state)
-    for _ in range(int(last)):
-        found = look(*found)
-    return found[1:]
+    return torch.where(field.seen & ~rays.straight, way, 0)
