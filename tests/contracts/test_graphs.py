@@ -14,10 +14,22 @@ import torch
 from torch import Tensor, nn
 from torch.autograd import gradcheck
 
-from tests.cases import LAYERS, MATERIALS, OTHER, SMALL, SOURCES, TRANSPORT, Case, Sizes
+from tests.cases import (
+    LAYERS,
+    MATERIALS,
+    OTHER,
+    SMALL,
+    SOURCES,
+    TRANSPORT,
+    Case,
+    Sizes,
+    reliefs,
+)
 from tests.tolerances import assert_close
 from torchradiometry.deploy.runtime import open_model, run_model
 from torchradiometry.export import export_onnx
+from torchradiometry.shade import CastShadow
+from torchradiometry.sources import DirectionalSource
 
 FAMILIES = {"source": SOURCES, "material": MATERIALS, "layer": LAYERS, "transport": TRANSPORT}
 EVERY = {f"{kind}-{case.name}": case for kind, family in FAMILIES.items() for case in family}
@@ -134,3 +146,25 @@ def test_gradients_agree_with_finite_differences(name: str) -> None:
         return tuple(o for o in outputs if o.requires_grad)
 
     assert gradcheck(call, differentiable((*inputs, *parameters.values())))
+
+
+def test_hard_shadows_run_under_onnx_at_any_size(tmp_path: Path) -> None:
+    """They have no gradient, so they are no `Case`; loops over crossings, one for each family."""
+    lights = torch.tensor([[0.7, 0.2, 0.6], [-0.3, 0.8, 0.4]], dtype=torch.float64)
+    lights = lights / lights.norm(dim=-1, keepdim=True)
+    source = DirectionalSource(lights, torch.ones(1, 1, dtype=torch.float64))
+    layer = CastShadow(source, pixel_size=0.1).eval()
+    make = reliefs()
+    (small,), (other,) = make(torch.float64, SMALL), make(torch.float64, OTHER)
+    path = export_onnx(
+        layer,
+        (small,),
+        tmp_path / "shadow.onnx",
+        axes={"depth": axes(small, other)},
+        outputs={"visibility": "1"},
+    )
+    (found,) = run_model(open_model(path), {"depth": other.numpy()})
+    with torch.no_grad():
+        expected = layer(other)
+    assert 0 < expected.mean() < 1
+    assert torch.equal(torch.as_tensor(found), expected)
