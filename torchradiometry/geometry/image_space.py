@@ -36,7 +36,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from torchradiometry.errors import DTypeError, ShapeError
-from torchradiometry.numerics import guarded_divide, wide
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -176,23 +175,24 @@ def is_seen(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> Bool[Tensor, 
 
 
 def height_field(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> HeightField:
-    """A depth map as heights over its mean.
+    """A depth map as heights over the middle of its depths.
 
-    NaN and infinite depths are not seen, nor, by a pinhole, what is not in front of it.
-
-    Differences are taken in float64, so that float32 heights hold the digits of float32 depths.
+    NaN and infinite depths are not seen, nor, by a pinhole, what is not in front of it. Heights are
+    (d0 - d) and (d0 - d) / d: differences of near numbers, so that float32 heights hold the digits
+    of float32 depths.
 
     Differentiable in: depth (the level is a constant: nothing depends on it).
     Export: compile yes, ONNX yes.
     """
     seen = is_seen(depth, perspective).squeeze(1)
-    (clean,) = wide(torch.where(seen, depth.squeeze(1), 1))
-    measure = 1 / clean if perspective else clean
-    total = torch.where(seen, measure, 0).detach().sum((1, 2), keepdim=True)
-    mean = guarded_divide(total, seen.sum((1, 2), keepdim=True).to(total), 1.0)
-    height = measure / mean - 1 if perspective else mean - measure
-    height = torch.where(seen, height, 0).to(depth.dtype)
-    return HeightField(height, seen, (1 / mean if perspective else mean).to(depth.dtype))
+    clean = torch.where(seen, depth.squeeze(1), 1)
+    held = clean.detach()
+    nearest = torch.where(seen, held, torch.inf).amin((1, 2), keepdim=True)
+    farthest = torch.where(seen, held, -torch.inf).amax((1, 2), keepdim=True)
+    level = torch.where(nearest <= farthest, nearest / 2 + farthest / 2, 1)
+    height = level - clean
+    height = torch.where(seen, height / clean if perspective else height, 0)
+    return HeightField(height, seen, level)
 
 
 def image_normals(field: HeightField, view: View) -> Float[Tensor, "B 3 H W"]:

@@ -75,10 +75,10 @@ def slice_exchange(
     """
     count = steps.reshape(-1, 1, 1)
     where = neighbours(probes.size, probes.pixel, probes.step, count)
-    rise = (gathered(probes.heights, where) - probes.own) / count.unsqueeze(-1)
-    met_at = probes.slices.alpha * rise + probes.slices.beta
+    slope = (gathered(probes.heights, where) - probes.own) / count.unsqueeze(-1)
+    steepest = slope.unflatten(0, steps.shape).amax(1)
     horizons = [probes.tangent]
-    for met in met_at.unflatten(0, steps.shape).amax(1).unbind(0):
+    for met in (probes.slices.alpha * steepest + probes.slices.beta).unbind(0):
         horizons.append(torch.maximum(horizons[-1], met))
     # half of each piece of surface to either end: (c_{k-1} - c_k)/2 + (c_k - c_{k+1})/2
     cot = torch.stack([horizons[0], *horizons, horizons[-1]])
