@@ -67,9 +67,11 @@ def ambient_occlusion(
     """
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
-    normal = image_normals(field, view) if normal is None else normal
-    check_image("normal", normal, 3, depth)
-    normal = torch.where(field.seen.unsqueeze(1), normal, 0)
+    if normal is None:
+        normal = image_normals(field, view)
+    else:
+        check_image("normal", normal, 3, depth)
+        normal = torch.where(field.seen.unsqueeze(1), normal, 0)
     size = depth.shape[-2:]
     if reach is None:
         if torch.compiler.is_exporting():

@@ -103,12 +103,15 @@ def _cleaned(
     """The map, its normals, and albedo and irradiance that are 0 where nothing is seen."""
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
-    normal = image_normals(field, view) if normal is None else normal
-    check_image("normal", normal, 3, depth)
+    seen = field.seen.unsqueeze(1)
+    if normal is None:
+        normal = image_normals(field, view)
+    else:
+        check_image("normal", normal, 3, depth)
+        normal = torch.where(seen, normal, 0)
     check_image("albedo", albedo, None, normal)
     check_image("irradiance", irradiance, None, normal)
     check_channels("albedo", albedo, irradiance)
-    seen = field.seen.unsqueeze(1)
     albedo, irradiance = (torch.where(seen, image, 0) for image in (albedo, irradiance))
     return field, view, normal, albedo, irradiance
 
