@@ -140,7 +140,7 @@ def test_penumbra_of_a_straight_wall(width: float, elevation: float) -> None:
 
 def test_a_soft_shadow_is_the_mean_of_hard_ones_over_the_disc() -> None:
     """A light that stands across the wall: its edge crosses the disc at an angle, `SLANT`."""
-    depth, middle, width, parts = wall(40, 40, 30, 8.0), unit(0.75, 0.25, 0.55), 0.25, 160
+    depth, middle, width, parts = wall(40, 40, 30, 8.0), unit(0.75, 0.25, 0.55), 0.25, 100
     side = functional.normalize(torch.linalg.cross(middle, unit(0, 0, 1)), dim=0)
     part = torch.arange(parts, dtype=F64) + 0.5
     angle, turn = width * (part / parts).sqrt(), part * (math.pi * (3 - math.sqrt(5)))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, ShapeError
 from torchradiometry.geometry.depth import checked_size, depth_to_normals, depth_to_points
 from torchradiometry.geometry.image_space import is_seen
 from torchradiometry.materials.lobes import AbstractLobe
@@ -131,11 +131,18 @@ class ShadeDepth(nn.Module):
             shininess: n, >= 0.
             sources: where the constructor was given none.
 
+        Raises:
+            DTypeError: maps that are not floating-point, or sources of another dtype or device.
+            ShapeError: wrong axes or sizes, one of `specular` and `shininess`, or both or neither
+                of `intrinsics` and a pixel size.
+
         Differentiable in: depth (through hard shadows not at all), albedo, specular, shininess,
             the sources and the camera.
         Export: compile yes, ONNX yes; batch, height and width may stay dynamic, with a `reach`.
         """
         chosen = chosen_sources(self.sources, sources)
+        if (specular is None) != (shininess is None):
+            raise ShapeError("specular, shininess", "one of the two", "pass both or neither")
         normal = depth_to_normals(depth, intrinsics, self.pixel_size)
         check_image("albedo", albedo, None, normal)
         seen = is_seen(depth, self.pixel_size is None)

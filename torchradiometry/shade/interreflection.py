@@ -32,7 +32,7 @@ from torchradiometry.geometry.image_space import (
     view_of,
 )
 from torchradiometry.numerics import guarded_divide
-from torchradiometry.shade.lambertian import diffuse_radiance
+from torchradiometry.shade.lambertian import check_channels, diffuse_radiance
 from torchradiometry.shade.layout import check_image
 from torchradiometry.solve.ambient import ambient_tail
 from torchradiometry.solve.neumann import neumann_series
@@ -107,6 +107,7 @@ def _cleaned(
     check_image("normal", normal, 3, depth)
     check_image("albedo", albedo, None, normal)
     check_image("irradiance", irradiance, None, normal)
+    check_channels("albedo", albedo, irradiance)
     seen = field.seen.unsqueeze(1)
     albedo, irradiance = (torch.where(seen, image, 0) for image in (albedo, irradiance))
     return field, view, normal, albedo, irradiance
