@@ -169,7 +169,7 @@ def test_values_and_gradients_are_finite(name: str, camera: str, dtype: torch.dt
     albedo = under_the_mask(seen, 0.0, 0.5, 1.0).to(dtype)
     gloss = under_the_mask(seen, 0.0, 0.5, 1.0).to(dtype)
     shininess = under_the_mask(seen, 4.0).to(dtype)
-    for width in (None, 0.3, 1.5):
+    for width in (None, 0.3):
         settings = DepthSettings(shadow_width=width, bounces=2, ambient_tail=True, cells=4)
         layer = ShadeDepth(settings, sources, pixel_size=size)
         inputs = {
@@ -186,13 +186,14 @@ def test_values_and_gradients_are_finite(name: str, camera: str, dtype: torch.dt
 
 @EVERY
 @CAMERAS
-@DTYPES
-def test_each_layer_alone_is_finite(name: str, camera: str, dtype: torch.dtype) -> None:
+def test_each_layer_alone_is_finite(name: str, camera: str) -> None:
+    """In single precision, where less is finite; the camera's gradients, too."""
+    dtype = torch.float32
     depth = MAPS[name].to(dtype)
     options, seen = view(camera, depth), is_there(depth, camera)
     eye = {k: leaf(torch.as_tensor(v, dtype=dtype)) for k, v in options.items()}
     sources = every_light(depth, options)
-    for width in (None, 1e-3):
+    for width in (None, 1e-3, 1.5):
         inputs = {"depth": leaf(depth)} | eye
         shares = cast_shadows(inputs["depth"], sources, **eye, width=width)
         assert ((shares >= 0) & (shares <= 1)).all()

@@ -27,8 +27,8 @@ from torchradiometry.sources import DirectionalSource
 F64 = torch.float64
 BOTH = pytest.mark.parametrize("camera", CAMERAS)
 SEEDS = st.integers(0, 2**31)
-#: half of them leave as much noise in the random relief as there is error
-RAYS = 2048
+#: so many that the noise is less than the error
+RAYS = {"groove": 2048, "ripple": 1024, "block": 512, "random_0": 2048}
 SUN = DirectionalSource(unit(0.5, 0.3, 0.8), torch.ones(1, dtype=F64))
 
 
@@ -42,15 +42,15 @@ def lit(depth: Tensor, options: dict) -> Tensor:
 def test_it_is_the_light_of_rays(camera: str) -> None:
     """One cell a pixel at 32 x 32, 16 azimuths, albedo 0.8, all bounces and the first.
 
-    Measured, relative L1 of what is reflected alone: bowl 0.8 %, groove 2.5, ripple 2.3, random
-    2.8 %. A cliff of one pixel is coarse for cells of one pixel: the block 16 % (10 % seen
-    straight from above), of the whole light 0.6 %.
+    Measured (4096 rays), relative L1 of what is reflected alone: bowl 0.6 %, groove 2.8, turned
+    groove 2.6, ripple 2.2, random 2.2 to 2.4. A cliff of one pixel is coarse for cells of one
+    pixel: the block 16 % (by the orthographic camera 11 %), of the whole light 0.6 %.
     """
     depths, options = reliefs_by(camera, 32)
-    for name in ("bowl", "groove", "ripple", "block", "random_0"):
+    for name, rays in RAYS.items():
         depth = depths[name]
         direct = lit(depth, options)
-        table = transport_matrix(depth, **options, rays=RAYS)
+        table = transport_matrix(depth, **options, rays=rays)
         albedo = torch.full_like(direct, 0.8)
         for bounces, tail, count in ((1, False, 1), (6, True, None)):
             found = reflected_irradiance(
