@@ -204,6 +204,18 @@ def test_float32_normals_lose_no_digit_of_float32_depths(
     assert_close(found, expected.float(), rtol=0, atol=5e-7)
 
 
+@CAMERAS
+@pytest.mark.parametrize("far", [1e3, 1e6, 1e10, -1e6, 0.01])
+def test_one_far_pixel_takes_no_digit_from_the_others(perspective: bool, far: float) -> None:
+    """A number for the background, or a speck on the lens, that nobody masked."""
+    depth, camera, _ = plane(perspective, 3.0, 50.0, torch.float32)
+    depth[0, 0, 0, 0] = far
+    wide_camera = {k: v.double() if isinstance(v, Tensor) else v for k, v in camera.items()}
+    expected = depth_to_normals(depth.double(), **wide_camera)
+    found = depth_to_normals(depth, **camera)
+    assert_close(found, expected.float(), rtol=0, atol=5e-6)
+
+
 def test_normals_of_planes_that_float32_can_hold_are_exact() -> None:
     """Depths of few binary digits, 1000 m away: slopes 1/4 and -1/2 for each pixel of 1/4 m."""
     v, u = torch.meshgrid(torch.arange(6.0), torch.arange(7.0), indexing="ij")

@@ -175,24 +175,31 @@ def is_seen(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> Bool[Tensor, 
 
 
 def height_field(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> HeightField:
-    """A depth map as heights over the middle of its depths.
+    """A depth map as heights over a level of its own.
 
     NaN and infinite depths are not seen, nor, by a pinhole, what is not in front of it. Heights are
-    (d0 - d) and (d0 - d) / d: differences of near numbers, so that float32 heights hold the digits
-    of float32 depths.
+    (d0 - d) and (d0 - d) / d. With the level in the middle of a pinhole's depths, and at the
+    smallest of a parallel camera's, float32 heights hold the digits of float32 depths: each as
+    many as its own depth has, however far a background lies behind it.
 
     Differentiable in: depth (the level is a constant: nothing depends on it).
     Export: compile yes, ONNX yes.
     """
     seen = is_seen(depth, perspective).squeeze(1)
     clean = torch.where(seen, depth.squeeze(1), 1)
-    held = clean.detach()
-    nearest = torch.where(seen, held, torch.inf).amin((1, 2), keepdim=True)
-    farthest = torch.where(seen, held, -torch.inf).amax((1, 2), keepdim=True)
-    level = torch.where(nearest <= farthest, nearest / 2 + farthest / 2, 1)
+    level = _level(torch.where(seen, clean.detach(), torch.inf), seen, perspective)
     height = level - clean
     height = torch.where(seen, height / clean if perspective else height, 0)
     return HeightField(height, seen, level)
+
+
+def _level(held: Tensor, seen: Tensor, perspective: bool) -> Float[Tensor, "B 1 1"]:
+    """d0 of depths that are infinite where nothing is seen; 1 where nothing is."""
+    nearest = held.abs().amin((1, 2), keepdim=True)
+    level = nearest
+    if perspective:
+        level = nearest / 2 + torch.where(seen, held, 0).amax((1, 2), keepdim=True) / 2
+    return torch.where(nearest < torch.inf, level, 1)
 
 
 def image_normals(field: HeightField, view: View) -> Float[Tensor, "B 3 H W"]:
