@@ -40,6 +40,22 @@ def test_reflexes(tmp_path: Path) -> None:
     assert (tmp_path / "reflexes.png").stat().st_size > 500
 
 
+def test_concave_relief(tmp_path: Path) -> None:
+    found = load("concave_relief").main(fast=True, out=tmp_path / "reliefs.png")
+    for errors in found.values():
+        assert errors["global"] < errors["local"] / 2
+        assert errors["global, albedo unknown"] < errors["local, albedo unknown"] / 2
+    assert (tmp_path / "reliefs.png").stat().st_size > 500
+
+
+def test_bounce_separation(tmp_path: Path) -> None:
+    errors = load("bounce_separation").main(fast=True, out=tmp_path / "bounces.png")
+    assert errors["direct light"] < errors["photograph as direct light"] / 10
+    assert errors["left in the shadow"] < 0.1
+    assert errors["bounce 1"] < 0.1
+    assert (tmp_path / "bounces.png").stat().st_size > 500
+
+
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_every_example_has_a_test_here(path: Path) -> None:
     assert f"def test_{path.stem}" in Path(__file__).read_text()
