@@ -271,9 +271,9 @@ LAYERS: list[Case] = [
     Case("depth_to_points", geometry.DepthToPoints, lambda t: geometry.DepthToPoints(), depth_maps),
     Case("depth_to_points_parallel", geometry.DepthToPoints, lambda t: geometry.DepthToPoints(0.01), lambda t, sizes: depth_maps(t, sizes)[:1]),
     Case("depth_to_normals", geometry.DepthToNormals, lambda t: geometry.DepthToNormals(), depth_maps),
-    Case("cast_shadow", shade.CastShadow, lambda t: shade.CastShadow(source("directional", t), width=0.3, pixel_size=0.1), reliefs()),
     Case("ambient_occlusion", shade.AmbientOcclusion, lambda t: First(shade.AmbientOcclusion(4, 3)), reliefs("intrinsics")),
     Case("interreflection_bounces", shade.InterreflectionShading, lambda t: Named(shade.InterreflectionShading(2, 3, tail=True, azimuths=4, fine=1), "depth", "albedo", "irradiance", "intrinsics"), reliefs("albedo", "irradiance", "intrinsics")),
+    # cast shadows with a width are in shade_depth; hard ones have a test of their own
     Case("shade_depth", shade.ShadeDepth, lambda t: Named(shade.ShadeDepth(shade.DepthSettings(shadow_width=0.3, cells=2, azimuths=4, reach=1), [source("directional", t), source("dome", t)], pixel_size=0.1), "depth", "albedo"), reliefs("albedo")),
     Case("depth_to_normals_parallel", geometry.DepthToNormals, lambda t: geometry.DepthToNormals(0.01), lambda t, sizes: depth_maps(t, sizes)[:1]),
 ]
