@@ -204,7 +204,7 @@ def march(
         found = while_loop(
             lambda count, *_: count <= end,
             lambda count, *state: (count + 1, *look(count, *state, steps, *held)),
-            (count, *state),
+            (count, *(value.contiguous() for value in state)),  # a loop keeps strides
         )
         return tuple(found[1:])
     shape, way = state[0].shape, last.flatten()
