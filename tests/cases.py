@@ -242,6 +242,8 @@ MATERIALS = [
     Case("phong", materials.Phong, lambda t: materials.Phong(rand(3, dtype=t, seed=31), rand(1, dtype=t, low=3, high=9)), surface_directions),
     Case("normalized_phong", materials.NormalizedPhong, lambda t: materials.NormalizedPhong(rand(3, dtype=t, seed=32), rand(1, dtype=t, low=3, high=9)), surface_directions),
     Case("original_phong", materials.OriginalPhong, lambda t: materials.OriginalPhong(rand(3, dtype=t, seed=33), rand(1, dtype=t, low=3, high=9)), surface_directions),
+    Case("oren_nayar", materials.OrenNayar, lambda t: materials.OrenNayar(rand(3, dtype=t, seed=36), rand(1, dtype=t, seed=37)), surface_directions),
+    Case("microfacet", materials.Microfacet, lambda t: materials.Microfacet(rand(3, dtype=t, seed=38), rand(1, dtype=t, low=0.1, high=0.9)), surface_directions),
     Case("blinn_phong", materials.BlinnPhong, lambda t: materials.BlinnPhong(rand(3, dtype=t, seed=34), rand(1, dtype=t, low=3, high=9)), surface_directions),
     Case("sum_material", materials.SumMaterial, lambda t: materials.SumMaterial([materials.Lambertian(rand(3, dtype=t, seed=35)), materials.Phong(0.2, 5.0)]).to(t), surface_directions),
     Case("lambertian_specular", materials.LambertianSpecular, lambda t: materials.LambertianSpecular(rand(3, dtype=t, high=0.5), rand(3, dtype=t, high=0.5), rand(1, dtype=t, low=3, high=9)), surface_directions),

@@ -13,7 +13,9 @@ from torchradiometry.materials.lambertian_specular import (
     LambertianSpecular,
     lambertian_specular_reflectance,
 )
+from torchradiometry.materials.microfacet import Microfacet, microfacet_brdf
 from torchradiometry.materials.mirror import mirror_direction
+from torchradiometry.materials.oren_nayar import OrenNayar, oren_nayar_brdf
 from torchradiometry.materials.phong import (
     NormalizedPhong,
     OriginalPhong,
@@ -29,7 +31,9 @@ __all__ = [
     "BlinnPhong",
     "Lambertian",
     "LambertianSpecular",
+    "Microfacet",
     "NormalizedPhong",
+    "OrenNayar",
     "OriginalPhong",
     "Phong",
     "SumMaterial",
@@ -38,9 +42,11 @@ __all__ = [
     "energy_excess",
     "lambertian_brdf",
     "lambertian_specular_reflectance",
+    "microfacet_brdf",
     "mirror_direction",
     "mirror_quadrature",
     "normalized_phong_brdf",
+    "oren_nayar_brdf",
     "original_phong_brdf",
     "phong_brdf",
     "reciprocity_error",
