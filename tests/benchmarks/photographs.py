@@ -50,6 +50,8 @@ from torchradiometry.learn import (
     evaluate,
     least_squares,
     make_bank,
+    make_shapes,
+    robust_normals,
 )
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -60,6 +62,8 @@ DRAWS = range(5)
 PHOTOGRAPH = 46
 #: the cards' trainings have seed 1
 NEW_SEED = 2
+#: pixels along an edge of the new synthetic images
+SIZE = 64
 #: how bright a highlight's pixels are beside its brightest
 HIGHLIGHT = 0.9
 
@@ -116,7 +120,7 @@ def markdown(rows: Rows) -> str:
 
 def metrics(model: Path, data: Path) -> dict[str, Any]:
     """Everything that `metrics.json` holds; angles rounded to hundredths of a degree."""
-    single = {item.name for item in open_model(model).inputs} == {"luminance", "mask"}
+    single = {item.name for item in open_model(model).inputs} == {"image", "mask"}
     rows = (shading_rows if single else photometric_rows)(model, data)
     network = (ShadingTraining() if single else PhotometricTraining()).network()
     return {
@@ -139,7 +143,19 @@ def write_metrics(folder: Path, data: Path) -> dict[str, Any]:
 
 def beside_least_squares(photographs: Photographs, model: Path) -> Row:
     found = evaluate(photographs, model)
-    return {"this model": found.degrees, "least squares": found.least_squares}
+    intensity, light = (
+        torch.from_numpy(a) for a in (photographs.grey(), photographs.light_directions)
+    )
+    truth = photographs.ground_truth
+    assert truth is not None
+    robust = angle_degrees(
+        robust_normals(intensity, light.float()), torch.from_numpy(truth[photographs.mask]).float()
+    )
+    return {
+        "this model": found.degrees,
+        "robust fit": float(robust.mean()),
+        "least squares": found.least_squares,
+    }
 
 
 def one_photograph(photographs: Photographs, number: int, model: Path) -> Row:
@@ -167,6 +183,7 @@ def new_pixels(model: Path, shapes: int = 40, batches: int = 20) -> Row:
         ]
         ways = {
             "this model": torch.stack(found),
+            "robust fit": robust_normals(batch.intensity, batch.direction),
             "least squares": least_squares(batch.intensity, batch.direction),
         }
         rows.append({w: float(angle_degrees(n, batch.normal).mean()) for w, n in ways.items()})
@@ -174,18 +191,19 @@ def new_pixels(model: Path, shapes: int = 40, batches: int = 20) -> Row:
 
 
 def new_images(model: Path, batches: int = 50) -> Row:
-    samples = ShadingSamples(batches, NEW_SEED, images=8)
+    bank = make_shapes(200, SIZE, NEW_SEED)
+    samples = ShadingSamples(bank, batches, NEW_SEED, images=8)
     opened = open_model(model)
 
     def found(seen: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        inputs = {"luminance": seen.numpy(), "mask": mask.numpy()}
+        inputs = {"image": seen.numpy(), "mask": mask.numpy()}
         return torch.from_numpy(run_model(opened, inputs)[0])
 
-    def row(luminance: torch.Tensor, mask: torch.Tensor, normal: torch.Tensor) -> Row:
+    def row(image: torch.Tensor, mask: torch.Tensor, normal: torch.Tensor, _: torch.Tensor) -> Row:
         facing = torch.tensor([0.0, 0.0, 1.0]).view(3, 1, 1).expand_as(normal)
         ways = {
-            "this model": found(luminance, mask),
-            "its outline alone": found(mask, mask),
+            "this model": found(image, mask),
+            "its outline alone": found(mask.expand_as(image), mask),
             "facing the camera": facing,
         }
         truth, inside = normal.movedim(1, -1), mask[:, 0] > 0

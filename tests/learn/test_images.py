@@ -1,6 +1,7 @@
 """Training data: shaded by the layers, exposed like a camera, the same for the same seed."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -13,11 +14,14 @@ from torchradiometry.learn.data import (
     SurfaceOptions,
     generator_for,
     make_bank,
+    make_shapes,
 )
 from torchradiometry.learn.losses import angle_degrees
 from torchradiometry.learn.networks import least_squares
-from torchradiometry.materials.blinn_phong import BlinnPhong
-from torchradiometry.shade.phong import PhongShading
+from torchradiometry.materials.microfacet import Microfacet
+from torchradiometry.materials.oren_nayar import OrenNayar
+from torchradiometry.materials.sum import SumMaterial
+from torchradiometry.shade.points import PointShading
 from torchradiometry.sources.directional import DirectionalSource
 
 SMALL = SurfaceOptions(shapes=3, pixels=20, lights=12, size=24)
@@ -31,7 +35,10 @@ def bank() -> geometry_bank.SurfaceBank:
 def test_bank_is_physical(bank: geometry_bank.SurfaceBank) -> None:
     torch.testing.assert_close(bank.normal.norm(dim=-1), torch.ones(3, 20))
     torch.testing.assert_close(bank.direction.norm(dim=-1), torch.ones(3, 12))
-    assert ((bank.visibility == 0) | (bank.visibility == 1)).all()
+    quarters = 4 * bank.visibility  # four directions in each lamp
+    assert ((quarters == quarters.round()) & (quarters >= 0) & (quarters <= 4)).all()
+    points = make_bank(replace(SMALL, area=False), seed=7)
+    assert ((points.visibility == 0) | (points.visibility == 1)).all()
     assert (bank.indirect >= 0).all()
     # from neighbours that receive at most 1, through the part of the sky they cover
     assert (bank.indirect <= (1 - bank.openness.unsqueeze(-1)) + 0.15).all()
@@ -68,23 +75,32 @@ def test_half_a_groove_of_90_degrees_lights_the_other_half() -> None:
 
 
 def test_shading_is_that_of_the_layers(bank: geometry_bank.SurfaceBank) -> None:
-    """One pixel, one light at a time, against a direct call of PhongShading."""
-    generator = generator_for(1)
-    materials = images.random_materials(3, 20, generator)
-    materials = materials._replace(
-        specular=materials.specular * torch.tensor([1.0, 0.0]), surround=0 * materials.surround
-    )
-    found = images.shade(bank, materials)
+    """One pixel, one light at a time, against the layer for any material."""
+    drawn = images.random_materials(3, 20, generator_for(1))
+    drawn = drawn._replace(surround=0 * drawn.surround, veil=0 * drawn.veil)
+    found = images.shade(bank, drawn)
     s, p, n = 1, 4, 7
-    layer = PhongShading(BlinnPhong, DirectionalSource(bank.direction[s, n], [1.0]))
-    one = layer(
-        bank.normal[s, p].reshape(1, 3, 1, 1),
-        materials.albedo[s, p].reshape(1, 1, 1, 1),
-        materials.specular[s, p, 0].reshape(1, 1, 1, 1),
-        materials.shininess[s, p, 0].reshape(1, 1, 1, 1),
-        visibility=bank.visibility[s, p, n].reshape(1, 1, 1, 1),
+    material = SumMaterial(
+        [
+            OrenNayar(drawn.albedo[s, p], drawn.roughness[s, p]),
+            *(Microfacet(drawn.specular[s, p, k], drawn.gloss[s, p, k]) for k in range(2)),
+        ]
     )
+    layer = PointShading(material, DirectionalSource(bank.direction[s, n], [1.0]))
+    seen = bank.visibility[s, p, n].reshape(1, 1)
+    one = layer(None, bank.normal[s, p].reshape(1, 3), torch.tensor([[0.0, 0.0, 1.0]]), seen)
     torch.testing.assert_close(found[s, p, n], math.pi * one.squeeze())
+
+
+def test_materials_are_physical_and_of_three_kinds() -> None:
+    drawn = images.random_materials(200, 8, generator_for(3))
+    reflected = drawn.albedo + drawn.specular.sum(-1)
+    assert (reflected <= 1.3).all()
+    assert ((drawn.surround > 0) & (drawn.surround < 1)).all()
+    matt = (drawn.specular == 0).all(-1).all(-1).float().mean()
+    metal = (drawn.specular[..., 0] > 0.15).any(-1).float().mean()
+    assert 0.15 < matt < 0.35
+    assert 0.08 < metal < 0.25
 
 
 def test_indirect_light_is_the_series_of_bounces(bank: geometry_bank.SurfaceBank) -> None:
@@ -132,13 +148,31 @@ def test_turned_samples_keep_light_and_normal_together(bank: geometry_bank.Surfa
 
 
 def test_single_images_are_exposed_objects() -> None:
-    samples = ShadingSamples(batches=2, seed=1, images=3, size=32)
+    samples = ShadingSamples(make_shapes(5, 32, seed=1), batches=2, seed=1, images=3)
     batch = samples[1]
     assert all(torch.equal(a, b) for a, b in zip(batch, samples[1], strict=True))
-    assert batch.luminance.shape == batch.mask.shape == (3, 1, 32, 32)
-    assert ((batch.luminance >= 0) & (batch.luminance <= 1)).all()
-    assert (batch.luminance[batch.mask == 0] == 0).all()
+    assert batch.image.shape == batch.normal.shape == batch.albedo.shape == (3, 3, 32, 32)
+    assert ((batch.image >= 0) & (batch.image <= 1)).all()
+    assert (batch.image[(batch.mask == 0).expand_as(batch.image)] == 0).all()
     torch.testing.assert_close(batch.normal.norm(dim=1, keepdim=True), batch.mask)
+    assert batch.image.amax((1, 2, 3)).min() > 0.1
+
+
+def test_paint_and_shading_make_the_image() -> None:
+    """Under natural light alone and without noise, image / albedo has one colour but for a tint."""
+    samples = ShadingSamples(make_shapes(4, 32, seed=2), batches=1, seed=5, images=4)
+    plain = ShadingSamples(samples.bank, 1, 5, 4, shadows=False)
+    first, second = samples[0], plain[0]
+    assert torch.equal(first.albedo, second.albedo)
+    assert torch.equal(first.normal, second.normal)
+    assert not torch.equal(first.image, second.image)
+
+
+def test_the_control_sees_outlines_alone() -> None:
+    bank = make_shapes(4, 32, seed=2)
+    seen, control = (ShadingSamples(bank, 1, 5, 4, outline=o)[0] for o in (False, True))
+    assert torch.equal(control.image, control.mask.expand(-1, 3, -1, -1))
+    assert torch.equal(control.normal, seen.normal)
 
 
 def test_wrong_options_are_named() -> None:

@@ -13,6 +13,7 @@ from torchradiometry.learn.networks import (
     ShadingNetwork,
     least_squares,
     observation_map,
+    robust_normals,
 )
 
 
@@ -84,6 +85,34 @@ def test_least_squares_is_woodham() -> None:
     assert angle_degrees(least_squares(intensity, direction).double(), truth).max() < 0.3
 
 
+def test_the_robust_fit_ignores_highlights_and_shadows() -> None:
+    """A quarter of the lights hidden, one doubled: Lambert's law is found to a degree."""
+    _, direction = observed(1, 40)
+    normal = torch.nn.functional.normalize(
+        torch.randn(30, 3, generator=torch.Generator().manual_seed(4)) * 0.4 + direction[0], dim=-1
+    )
+    clean = (normal @ direction.T).clamp(min=0)
+    spoilt = clean.clone()
+    spoilt[:, ::4] = 0
+    brightest = clean.argmax(-1, keepdim=True)
+    spoilt.scatter_(1, brightest, 2 * clean.gather(1, brightest))
+    plain = angle_degrees(least_squares(spoilt, direction), normal)
+    robust = angle_degrees(robust_normals(spoilt, direction), normal)
+    assert plain.mean() > 5
+    assert robust.median() < 0.5
+    assert robust.mean() < plain.mean() / 3
+    exact = angle_degrees(robust_normals(clean, direction), normal)
+    assert exact.max() < 0.5  # but for grazing lights and the ridge
+
+
+def test_a_network_of_zero_weights_is_the_robust_fit() -> None:
+    intensity, direction = observed(20, 15)
+    network = PhotometricNetwork(cells=8, features=16, depth=1)
+    found = network(intensity, direction)
+    expected = torch.nn.functional.normalize(robust_normals(intensity, direction), dim=-1)
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-5)
+
+
 def test_observation_map_is_a_weighted_mean() -> None:
     values, place = torch.full((5, 7, 1), 3.0), torch.rand(5, 7, 2) - 0.5
     drawn = observation_map(values, place, cells=9, width=0.2)
@@ -100,11 +129,15 @@ def test_shading_network_takes_any_size(size: tuple[int, int]) -> None:
     mask = torch.zeros(2, 1, *size)
     mask[..., 2:-2, 3:-1] = 1
     with torch.no_grad():
-        found = network(torch.rand(2, 1, *size), mask)
-        brighter = network(10 * torch.ones_like(mask), mask)
-        torch.testing.assert_close(brighter, network(torch.ones_like(mask), mask))
+        found, paint = network(torch.rand(2, 3, *size), mask)
+        white = torch.ones(2, 3, *size)
+        for bright, plain in zip(network(10 * white, mask), network(white, mask), strict=True):
+            torch.testing.assert_close(bright, plain)
     torch.testing.assert_close(found.norm(dim=1, keepdim=True), mask)
-    assert torch.isfinite(network(torch.zeros_like(mask), 0 * mask)).all()
+    assert (paint[(mask == 0).expand_as(paint)] == 0).all()
+    torch.testing.assert_close(paint.sum((1, 2, 3)) / (3 * mask.sum((1, 2, 3))), torch.ones(2))
+    for answer in network(torch.zeros(2, 3, *size), 0 * mask):
+        assert torch.isfinite(answer).all()
 
 
 def test_photometric_network_in_onnxruntime(tmp_path: Path, photometric: torch.nn.Module) -> None:
@@ -129,21 +162,26 @@ def test_photometric_network_in_onnxruntime(tmp_path: Path, photometric: torch.n
 
 def test_shading_network_in_onnxruntime(tmp_path: Path) -> None:
     network = lively(ShadingNetwork(features=8))
-    image, mask = torch.rand(2, 1, 24, 32), torch.ones(2, 1, 24, 32)
+    image, mask = torch.rand(2, 3, 24, 32), torch.ones(2, 1, 24, 32)
     path = export_onnx(
         network,
-        {"luminance": image, "mask": mask},
+        {"image": image, "mask": mask},
         tmp_path / "shading.onnx",
-        axes=dict.fromkeys(("luminance", "mask"), ("batch", "1", "height", "width")),
-        units={"luminance": "1", "mask": "1"},
-        outputs={"normal": "1"},
+        axes={
+            "image": ("batch", "3", "height", "width"),
+            "mask": ("batch", "1", "height", "width"),
+        },
+        units={"image": "1", "mask": "1"},
+        outputs={"normal": "1", "albedo": "1"},
     )
     model = open_model(path)
-    image, mask = torch.rand(1, 1, 37, 21), torch.ones(1, 1, 37, 21)
-    (found,) = run_model(model, {"luminance": image.numpy(), "mask": mask.numpy()})
+    image, mask = torch.rand(1, 3, 37, 21), torch.ones(1, 1, 37, 21)
+    found, paint = run_model(model, {"image": image.numpy(), "mask": mask.numpy()})
     with torch.no_grad():
-        expected = network(image, mask).movedim(1, -1)
-    assert angle_degrees(torch.from_numpy(found).movedim(1, -1), expected).max() < 0.05
+        normal, albedo = network(image, mask)
+    found = torch.from_numpy(found).movedim(1, -1)
+    assert angle_degrees(found, normal.movedim(1, -1)).max() < 0.05
+    torch.testing.assert_close(torch.from_numpy(paint), albedo, rtol=1e-3, atol=1e-3)
 
 
 def test_losses() -> None:

@@ -49,6 +49,11 @@ def test_the_share_of_light_from_above_is_known_at_full_roughness() -> None:
     assert found == pytest.approx(1 - math.log(2), abs=1e-9)
 
 
+def test_a_white_surface_keeps_what_the_file_says() -> None:
+    found = m.directional_hemispherical_reflectance(m.Microfacet(one(1), one(0.1)), 0.0)
+    assert found.item() == pytest.approx(0.988, abs=5e-4)
+
+
 @pytest.mark.parametrize("a", [0.02, 0.1])
 def test_a_smooth_white_surface_is_nearly_a_mirror(a: float) -> None:
     white = m.Microfacet(one(1), one(a))

@@ -85,15 +85,17 @@ def export_photometric(network: PhotometricNetwork, path: Path) -> Path:
 
 def _training_pictures(folder: Path) -> Section:
     images = photograph_shapes(12, 96, generator_for(7))
-    write_picture(folder / "training-images.png", _sheet(images.luminance).numpy(), exposure=1.0)
+    write_picture(folder / "training-images.png", _sheet(images.image).numpy(), exposure=1.0)
     normals = _sheet((images.normal + 1) / 2 * images.mask)
     write_picture(folder / "training-normals.png", normals.numpy() ** 2.2, exposure=1.0)
     words = (
-        "Random shapes, shaded by the package's own layers: Lambertian and Phong surfaces under "
-        "distant lights, with cast shadows and a little ambient light.",
+        "Random shapes and paints, shaded by the package's own layers: Lambertian and Phong "
+        "surfaces under lamps and natural light, with cast shadows and ambient occlusion.",
     )
     figures = (
-        Figure("training-images.png", "Shaded by PhongShading and AmbientShading."),
+        Figure(
+            "training-images.png", "Shaded by PhongShading, LambertianShading and AmbientOcclusion."
+        ),
         Figure("training-normals.png", "Their normals: x red, y green, z blue."),
     )
     return Section("2. Training images", words, figures)

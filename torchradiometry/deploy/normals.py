@@ -3,7 +3,7 @@
 | model | in | out |
 |---|---|---|
 | `photometric` | `intensity` pixel x light, `direction` light x 3 | `normal` pixel x 3 |
-| `shading` | `luminance`, `mask` batch x 1 x H x W | `normal` batch x 3 x H x W |
+| `shading` | `image` and `mask`, batch x 3 or 1 x H x W | `normal`, `albedo` 3 x H x W each |
 
 Many photographs under known lights go to the first, pixel by pixel; a single photograph goes
 to the second, shrunk to the size it was trained on. The error against a known answer is
@@ -25,7 +25,6 @@ from torchradiometry.deploy.photographs import (
     Photograph,
     Photographs,
     find_photograph_sets,
-    grey,
     read_photograph,
     read_photographs,
 )
@@ -78,7 +77,7 @@ def estimate_normals(
     if isinstance(photographs, Photographs):
         opened = _opened(model, "photometric", {"intensity", "direction"})
         return _photometric(photographs, opened)
-    return _from_one_image(photographs, _opened(model, "shading", {"luminance", "mask"}))
+    return _from_one_image(photographs, _opened(model, "shading", {"image", "mask"}))
 
 
 def angular_error(
@@ -233,14 +232,16 @@ def _from_one_image(photograph: Photograph, model: Model) -> NDArray[np.float32]
     shrink = min(1.0, SHADING_SIZE / max(height, width))
     size = (max(8, round(height * shrink)), max(8, round(width * shrink)))
     covered = _resized(inside, size)
-    light = _resized(grey(photograph.image[box]) * inside, size)
-    luminance = np.where(covered > 0, light / np.where(covered > 0, covered, 1), 0)
+    colours = [
+        _resized(colour * inside, size) for colour in np.moveaxis(photograph.image[box], 2, 0)
+    ]
+    image = np.where(covered > 0, np.stack(colours) / np.where(covered > 0, covered, 1), 0)
     small = {
-        "luminance": luminance[None, None].astype(np.float32),
+        "image": image[None].astype(np.float32),
         "mask": (covered >= 0.5).astype(np.float32)[None, None],
     }
     small["mask"] = np.where(small["mask"].any(), small["mask"], 1).astype(np.float32)
-    (found,) = run_model(model, small)
+    found = run_model(model, small)[0]
     weight = _resized(small["mask"][0, 0], (height, width))
     larger = np.stack([_resized(part, (height, width)) for part in found[0]], -1)
     larger = np.where((weight > 0)[..., None], larger, [0, 0, 1])

@@ -17,7 +17,14 @@ from torch.utils.data import Dataset
 from torchradiometry.errors import IndexRangeError, OutOfRangeError
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces
 from torchradiometry.learn.images import Observations, observe
-from torchradiometry.learn.single_images import SingleImages, photograph_shapes
+from torchradiometry.learn.shapes import random_shapes
+from torchradiometry.learn.single_images import (
+    OBJECTS,
+    ShapeBank,
+    SingleImages,
+    photograph,
+    shape_bank,
+)
 
 __all__ = [
     "Advance",
@@ -26,6 +33,7 @@ __all__ = [
     "SurfaceOptions",
     "generator_for",
     "make_bank",
+    "make_shapes",
 ]
 
 #: called as advance(done, note): how much of a long step is done
@@ -43,6 +51,7 @@ class SurfaceOptions:
         size: pixels along an edge of a shape.
         shadows: cast shadows.
         indirect: light from neighbouring surfaces.
+        area: lamps have a size (penumbras), and the room is not quite dark.
     """
 
     shapes: int = 200
@@ -51,6 +60,7 @@ class SurfaceOptions:
     size: int = 64
     shadows: bool = True
     indirect: bool = True
+    area: bool = True
 
     def __post_init__(self) -> None:
         for name in ("shapes", "pixels", "lights"):
@@ -72,7 +82,12 @@ def make_bank(options: SurfaceOptions, seed: int, advance: Advance | None = None
     parts = []
     for k in range(options.shapes):
         made = make_surfaces(
-            1, options.pixels, options.lights, options.size, generator_for(seed, 1, k)
+            1,
+            options.pixels,
+            options.lights,
+            options.size,
+            generator_for(seed, 1, k),
+            area=options.area,
         )
         parts.append(made)
         if advance is not None:
@@ -123,7 +138,8 @@ class PhotometricSamples(Dataset[Observations]):
             self.bank.direction[which[:, 0]],
         )
         lights = self._lights(generator)
-        return observe(part, lights, generator, self.options.shadows, self.options.indirect)
+        kept = self.options
+        return observe(part, lights, generator, kept.shadows, kept.indirect, ambient=kept.area)
 
     def _lights(self, generator: torch.Generator) -> int:
         """Evenly spread on a logarithmic scale."""
@@ -133,22 +149,40 @@ class PhotometricSamples(Dataset[Observations]):
         return min(most, int(fewest * ((most + 1) / fewest) ** share))
 
 
+def make_shapes(shapes: int, size: int, seed: int, advance: Advance | None = None) -> ShapeBank:
+    """The shapes of a seed and what they see of the sky; shape k does not depend on how many."""
+    parts = []
+    for k in range(shapes):
+        parts.append(shape_bank(random_shapes(1, size, generator_for(seed, 4, k), OBJECTS)))
+        if advance is not None:
+            advance(k + 1, "shapes")
+    return ShapeBank(*(torch.cat(each) for each in zip(*parts, strict=True)))
+
+
 class ShadingSamples(Dataset[SingleImages]):
-    """Batches for `ShadingNetwork`: new shapes, materials and lights in each.
+    """Batches for `ShadingNetwork`; item k is the k-th training step: new paint, light and camera.
 
     Args:
+        bank: from `make_shapes`.
         batches: how many items there are.
-        seed: of everything.
+        seed: of materials, lights and noise.
         images: images in a batch.
-        size: pixels along an edge.
-        shadows: cast shadows.
+        shadows: shadows of lamps and of the sky.
+        outline: white objects: nothing but their masks, the control that tells whether shading
+            is used.
     """
 
     def __init__(
-        self, batches: int, seed: int, images: int = 16, size: int = 64, shadows: bool = True
+        self,
+        bank: ShapeBank,
+        batches: int,
+        seed: int,
+        images: int = 16,
+        shadows: bool = True,
+        outline: bool = False,
     ) -> None:
-        self.batches, self.seed, self.images = batches, seed, images
-        self.size, self.shadows = size, shadows
+        self.bank, self.batches, self.seed, self.images = bank, batches, seed, images
+        self.shadows, self.outline = shadows, outline
 
     def __len__(self) -> int:
         return self.batches
@@ -156,7 +190,9 @@ class ShadingSamples(Dataset[SingleImages]):
     def __getitem__(self, index: int) -> SingleImages:
         _check_index(index, self.batches)
         generator = generator_for(self.seed, 3, index)
-        return photograph_shapes(self.images, self.size, generator, self.shadows)
+        which = torch.randint(len(self.bank.mask), (self.images,), generator=generator)
+        made = photograph(ShapeBank(*(p[which] for p in self.bank)), generator, self.shadows)
+        return made._replace(image=made.mask.expand_as(made.image)) if self.outline else made
 
 
 def _check_index(index: int, batches: int) -> None:

@@ -35,8 +35,11 @@ __all__ = ["SurfaceBank", "make_surfaces", "random_lights"]
 #: directions over the whole sphere; about half of them leave the surface upwards
 RAYS = 64
 #: chance of a pixel that no light is hidden from, beside the share of lights that are hidden:
-#: half of a typical bank then lies in shadow of one light or more, where networks go wrong
-ALWAYS = 0.05
+#: pixels in shadow, where networks go wrong, come more often than they are
+ALWAYS = 0.3
+#: largest angular radius of a lamp, radians (2 degrees: a 7 cm lamp at 1 m), and the directions in
+#: it that shadows are averaged over
+LAMP, LAMP_DIRECTIONS = 0.035, 4
 
 
 class SurfaceBank(NamedTuple):
@@ -44,7 +47,7 @@ class SurfaceBank(NamedTuple):
 
     Attributes:
         normal: unit.
-        visibility: 1 where the light is seen, else 0.
+        visibility: share of the lamp that is seen, 0..1; 0 or 1 for points.
         indirect: one bounce off neighbours of albedo 1, per unit irradiance of the light.
         openness: share of a uniform sky that the pixel receives, 0..1.
         direction: unit, to the lights.
@@ -75,7 +78,13 @@ def random_lights(count: int, generator: torch.Generator) -> Float[Tensor, "ligh
 
 
 def make_surfaces(
-    shapes: int, pixels: int, lights: int, size: int, generator: torch.Generator
+    shapes: int,
+    pixels: int,
+    lights: int,
+    size: int,
+    generator: torch.Generator,
+    *,
+    area: bool = True,
 ) -> SurfaceBank:
     """Random shapes under random lights, `pixels` of each kept.
 
@@ -86,20 +95,22 @@ def make_surfaces(
         lights: how many lights each shape has.
         size: pixels along an edge of the height field.
         generator: the source of chance.
+        area: lamps have a size, up to `LAMP`; otherwise they are points.
 
     Returns:
         The bank, on the CPU.
     """
-    made = [_one_surface(pixels, lights, size, generator) for _ in range(shapes)]
+    made = [_one_surface(pixels, lights, size, generator, area) for _ in range(shapes)]
     return SurfaceBank(*(torch.stack(parts) for parts in zip(*made, strict=True)))
 
 
 def _one_surface(
-    pixels: int, lights: int, size: int, generator: torch.Generator
+    pixels: int, lights: int, size: int, generator: torch.Generator, area: bool
 ) -> tuple[Tensor, ...]:
     shape = random_shapes(1, size, generator)
     direction = random_lights(lights, generator)
-    visibility = height_field_visibility(shape.height, direction).reshape(lights, -1)
+    width = LAMP * float(torch.rand((), generator=generator)) if area else 0.0
+    visibility = _seen(shape.height, direction, width, generator)
     normal = shape.normal[0].flatten(1).T
     facing = clamped_cosine(normal, direction.unsqueeze(1)) * shape.mask.flatten()
     received = facing * visibility
@@ -108,6 +119,19 @@ def _one_surface(
     kept = torch.multinomial(chance, pixels, replacement=True, generator=generator)
     indirect, openness = _one_bounce(shape.height, normal, received, kept, generator)
     return normal[kept], visibility[:, kept].T, indirect, openness, direction
+
+
+def _seen(
+    height: Tensor, direction: Tensor, width: float, generator: torch.Generator
+) -> Float[Tensor, "light pixel"]:
+    """Share of lamps of this angular radius that each pixel sees; at width 0 they are points."""
+    if width == 0:
+        return height_field_visibility(height, direction).reshape(len(direction), -1)
+    around = torch.randn(LAMP_DIRECTIONS, len(direction), 3, generator=generator)
+    # uniform in a disc would have this standard deviation along each axis
+    spread = safe_normalize(direction + width / 2 * around).flatten(0, 1)
+    seen = height_field_visibility(height, spread)
+    return seen.reshape(LAMP_DIRECTIONS, len(direction), -1).mean(0)
 
 
 def _one_bounce(

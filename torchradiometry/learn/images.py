@@ -1,11 +1,13 @@
-"""Training images: surfaces of a bank, shaded by the package's own layers, seen by a camera.
+"""Training images: surfaces of a bank, shaded by the package's own materials, seen by a camera.
 
-    L = PhongShading(rho; Blinn, k_1, n_1) + PhongShading(0; k_2, n_2) + AmbientShading(E_ind/pi)
+    L = (T(mu_i) T(mu_o) f_base + f_coat + f_sheen) mu_i V  +  rho/pi E_ind,    wo = (0, 0, 1)
 
-under one distant light at a time, with the bank's shadows. The indirect irradiance is the
-bank's single bounce E_1 times the series of further bounces between neighbours of albedo rho,
+under one distant light at a time: a rough matt base (`OrenNayar`) under two glossy coats
+(`Microfacet`), with the bank's shadows. What a coat reflects at grazing angles is missing below it,
+Schlick's T(mu) = 1 - v (1 - mu)^5 on the way in and out. The indirect irradiance is the bank's single bounce E_1
+times the series of further bounces between neighbours of albedo rho',
 
-    E_ind = rho E_1 (1 + a rho + (a rho)^2 + ...) = rho E_1 / (1 - a rho),
+    E_ind = rho' E_1 (1 + a rho' + (a rho')^2 + ...) = rho' E_1 / (1 - a rho'),
 
 with a the share of a bounce that hits a neighbour again (1 - openness).
 
@@ -27,12 +29,9 @@ import torch
 from torch import Tensor
 
 from torchradiometry.learn.geometry_bank import SurfaceBank
-from torchradiometry.materials.blinn_phong import BlinnPhong
-from torchradiometry.materials.phong import NormalizedPhong
-from torchradiometry.numerics import safe_normalize
-from torchradiometry.shade.ambient import AmbientShading
-from torchradiometry.shade.phong import PhongShading
-from torchradiometry.sources.directional import DirectionalSource
+from torchradiometry.materials.microfacet import microfacet_brdf
+from torchradiometry.materials.oren_nayar import oren_nayar_brdf
+from torchradiometry.numerics import clamped_cosine, safe_normalize
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -40,23 +39,31 @@ if TYPE_CHECKING:
 __all__ = ["Materials", "Observations", "expose", "observe", "random_materials", "shade"]
 
 LUMINANCE = (0.2989, 0.5870, 0.1140)
+#: shares of matt shapes and of metal ones
+MATT, METAL = 0.25, 0.15
+#: largest share of a lamp's irradiance that walls and table send back
+STRAY = 0.08
 #: standard deviation of each component of a calibrated light direction, about half a degree
 CALIBRATION_ERROR = 0.007
 
 
 class Materials(NamedTuple):
-    """What each pixel is made of; all `shape pixel`.
+    """What each pixel is made of.
 
     Attributes:
-        albedo: diffuse, 0..1.
-        specular: reflectance of the two highlights at normal incidence, `shape pixel 2`.
-        shininess: their exponents, `shape pixel 2`.
+        albedo: of the matt base, 0..1.
+        roughness: of the matt base, 0..1.
+        veil: v, how much of the base its coat hides at grazing angles, 0..1.
+        specular: reflectance of the two coats at normal incidence, 0..1.
+        gloss: roughness of the two coats, 0.03..1.
         surround: albedo of what faces the pixel, 0..1.
     """
 
     albedo: Float[Tensor, "shape pixel"]
+    roughness: Float[Tensor, "shape pixel"]
+    veil: Float[Tensor, "shape pixel"]
     specular: Float[Tensor, "shape pixel 2"]
-    shininess: Float[Tensor, "shape pixel 2"]
+    gloss: Float[Tensor, "shape pixel 2"]
     surround: Float[Tensor, "shape pixel"]
 
 
@@ -75,51 +82,53 @@ class Observations(NamedTuple):
 
 
 def random_materials(shapes: int, pixels: int, generator: torch.Generator) -> Materials:
-    """Matt to glossy surfaces with an albedo that varies from pixel to pixel."""
+    """Clay, plaster, paint, glaze and metal, each with stains and worn places.
 
-    def uniform(*size: int) -> Tensor:
-        return torch.rand(size, generator=generator)
+    A quarter of the shapes is matt, a sixth is metal (a dark base, a strong coat that is all
+    there is), the others are paint: a coat of varnish (k_s about 0.04), and often a wide sheen.
+    """
 
-    base = 0.1 + 0.85 * uniform(shapes, 1)
-    albedo = (base * (1 + 0.6 * (uniform(shapes, pixels) - 0.5))).clamp(0.02, 0.95)
-    gloss = uniform(shapes, 1, 2) ** 2 * torch.tensor([0.5, 0.7])
-    present = (uniform(shapes, 1, 2) < torch.tensor([0.7, 0.5])).float()
-    specular = gloss * present * (0.5 + 0.5 * uniform(shapes, pixels, 1))
-    exponent = torch.tensor([2.0, 0.0]) + torch.tensor([6.0, 4.0]) * uniform(shapes, 1, 2)
-    jitter = uniform(shapes, pixels, 2) - 0.5
-    albedo = albedo * (1 - specular.sum(-1)).clamp(0.03, 1)
-    return Materials(
-        albedo, specular, 2 ** (exponent + jitter).clamp(min=0), base.expand_as(albedo)
-    )
+    def uniform(low: float, high: float, *size: int) -> Tensor:
+        return low + (high - low) * torch.rand(size, generator=generator)
+
+    kind = uniform(0, 1, shapes, 1)
+    matt, metal = (kind < MATT).float(), (kind > 1 - METAL).float()
+    base = uniform(0.08, 0.95, shapes, 1) * (1 - 0.8 * metal)
+    rough = uniform(-0.3, 0.6, shapes, 1).clamp(min=0) * torch.ones(1, pixels)
+    veil = uniform(-0.2, 1, shapes, 1).clamp(min=0) * (1 - matt) * torch.ones(1, pixels)
+    coat = 2 ** uniform(-6, -3.3, shapes, 1) * (1 - metal) + uniform(0.3, 0.9, shapes, 1) * metal
+    sheen = 2 ** uniform(-6, -2, shapes, 1) * (uniform(0, 1, shapes, 1) < 0.6).float()
+    specular = torch.stack([coat, sheen], -1) * (1 - matt).unsqueeze(-1)
+    width = torch.stack([uniform(-4.5, -0.7, shapes, 1), uniform(-2, 0, shapes, 1)], -1)
+    worn = uniform(0.6, 1, shapes, pixels, 1)
+    albedo = base * uniform(0.6, 1.4, shapes, pixels)
+    specular = (specular * worn).clamp(max=0.95)
+    albedo = (albedo * (1 - specular.sum(-1))).clamp(0.01, 0.95)
+    gloss = 2 ** (width + uniform(-0.3, 0.3, shapes, pixels, 1))
+    surround = (base + specular.mean(1, keepdim=True).sum(-1)).clamp(max=0.95)
+    surround = surround.expand_as(albedo)
+    return Materials(albedo, rough, veil, specular, gloss.clamp(0.03, 1), surround)
 
 
 def shade(bank: SurfaceBank, materials: Materials) -> Float[Tensor, "shape pixel light"]:
-    """Radiance of each pixel under each light of unit irradiance, times pi; by the layers.
+    """Radiance of each pixel under each light of unit irradiance, times pi."""
+    wi, normal = bank.direction.unsqueeze(1), bank.normal.unsqueeze(2)
+    wo = normal.new_tensor([0.0, 0.0, 1.0])
 
-    Each light of each shape is one image of the layers' batch, `pixel` high and 1 wide.
-    """
-    shapes, pixels, lights = bank.visibility.shape
+    def each(value: Tensor) -> Tensor:
+        """`shape pixel` as `shape pixel light=1 channel=1`."""
+        return value[..., None, None]
 
-    def image(values: Tensor) -> Tensor:
-        """`shape pixel k` (for every light) as `shape*light k pixel 1`."""
-        lifted = values.transpose(1, 2).unsqueeze(1).expand(-1, lights, -1, -1)
-        return lifted.flatten(0, 1).unsqueeze(-1)
-
-    def per_light(values: Tensor) -> Tensor:
-        """`shape pixel light` as `shape*light 1 pixel 1`."""
-        return values.transpose(1, 2).reshape(shapes * lights, 1, pixels, 1)
-
-    light = DirectionalSource(bank.direction.reshape(-1, 1, 3), torch.ones(shapes * lights, 1, 1))
-    normal, seen = image(bank.normal), per_light(bank.visibility)
-    albedo = image(materials.albedo.unsqueeze(-1))
-    specular, shininess = image(materials.specular), image(materials.shininess)
-    glossy, dull = PhongShading(BlinnPhong, light), PhongShading(NormalizedPhong, light)
-    radiance = glossy(normal, albedo, specular[:, :1], shininess[:, :1], visibility=seen)
-    nothing = torch.zeros_like(albedo)
-    sheen = dull(normal, nothing, specular[:, 1:], shininess[:, 1:], visibility=seen)
-    bounced = AmbientShading()(albedo, radiance=per_light(_indirect(bank, materials)) / math.pi)
-    total = radiance + sheen + bounced
-    return math.pi * total.reshape(shapes, lights, pixels).transpose(1, 2)
+    base = oren_nayar_brdf(each(materials.albedo), each(materials.roughness), wi, wo, normal)
+    facing = clamped_cosine(wi, normal)
+    veil = materials.veil.unsqueeze(-1)
+    through = (1 - veil * (1 - facing) ** 5) * (1 - veil * (1 - clamped_cosine(wo, normal)) ** 5)
+    brdf = base * through.unsqueeze(-1)
+    for k in range(materials.specular.shape[-1]):
+        coat, gloss = each(materials.specular[..., k]), each(materials.gloss[..., k])
+        brdf = brdf + microfacet_brdf(coat, gloss, wi, wo, normal)
+    direct = brdf.squeeze(-1) * facing * bank.visibility
+    return math.pi * direct + materials.albedo.unsqueeze(-1) * _indirect(bank, materials)
 
 
 def _indirect(bank: SurfaceBank, materials: Materials) -> Float[Tensor, "shape pixel light"]:
@@ -159,6 +168,7 @@ def observe(
     generator: torch.Generator,
     shadows: bool = True,
     indirect: bool = True,
+    ambient: bool = True,
 ) -> Observations:
     """A training batch: new materials, some of each shape's lights, a turn about z, a camera.
 
@@ -168,6 +178,8 @@ def observe(
         generator: the source of chance.
         shadows: keep cast shadows.
         indirect: keep indirect light.
+        ambient: the room is not quite black: walls and table send up to `STRAY` of the lamps'
+            irradiance back.
     """
     shapes, pixels, available = bank.visibility.shape
     kept = torch.rand(shapes, available, generator=generator).argsort(1)[:, :lights]
@@ -180,10 +192,24 @@ def observe(
         bank.direction.gather(1, kept.unsqueeze(-1).expand(-1, -1, 3)),
     )
     part = _turned(part, generator)
-    radiance = shade(part, random_materials(shapes, pixels, generator))
+    materials = random_materials(shapes, pixels, generator)
+    radiance = shade(part, materials)
+    stray = _stray(part.normal, generator)
+    if ambient:
+        radiance = radiance + (stray * materials.albedo * bank.openness).unsqueeze(-1)
     error = torch.randn(part.direction.shape, generator=generator) * CALIBRATION_ERROR
     reported = safe_normalize(part.direction + error)
     return Observations(spoil(expose(radiance, generator), generator), reported, part.normal)
+
+
+def _stray(
+    normal: Float[Tensor, "shape pixel 3"], generator: torch.Generator
+) -> Float[Tensor, "shape pixel"]:
+    """Light from a half space of each shape's room: s (1 + n . d) / 2."""
+    shapes = len(normal)
+    strength = STRAY * torch.rand(shapes, 1, generator=generator) ** 2
+    towards = safe_normalize(torch.randn(shapes, 1, 3, generator=generator))
+    return strength * (1 + (normal * towards).sum(-1)) / 2
 
 
 def spoil(

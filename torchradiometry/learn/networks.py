@@ -3,20 +3,21 @@
 **Photometric.** A pixel under N distant lights is an unordered set of (intensity, light
 direction). Turning object and lights together about the viewing direction turns the normal
 and changes no intensity (of an isotropic material under a distant camera). The network is
-built to obey this exactly: the least-squares normal b gives each pixel its own frame, in which
-b lies over the x axis; there the set is drawn on an *observation map*, a grid over the light
-direction's (x, y),
+built to obey this exactly: a robust fit of Lambert's law (`robust_normals`) gives each pixel its
+own frame, whose z axis is the fitted normal b/|b| and whose x axis leans towards the camera; there
+the set is drawn on an *observation map*, a grid over the light direction's (x, y),
 
     m_f(g) = sum over i of w_i(g) f(I_i) / (sum over i of w_i(g) + w_0),
     w_i(g) = exp(-|l_i,xy - g|^2 / 2 s^2),
 
-a perceptron reads the map and corrects b, and the answer is turned back. Any number of lights,
-in any order.
+of what Lambert's law leaves unexplained. A perceptron reads the map and corrects the normal. Any
+number of lights, in any order. With zero weights the network is the robust fit.
 
-**Shading.** A fully convolutional network with skips (image luminance and mask in, normals
+**Shading.** A fully convolutional network with skips (image and mask in, normals and paint
 out), any height and width.
 
-References: S. Ikehata, "CNN-PS", ECCV 2018 (observation maps); R. J. Woodham (1980);
+References: S. Ikehata, "CNN-PS", ECCV 2018 (observation maps); R. J. Woodham (1980); P. W. Holland
+and R. E. Welsch, "Robust regression using iteratively reweighted least-squares" (1977);
 O. Ronneberger et al., "U-Net", MICCAI 2015.
 """
 
@@ -28,18 +29,39 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.numerics import guarded_divide, safe_normalize, safe_sqrt
+from torchradiometry.numerics import (
+    guarded_divide,
+    safe_norm,
+    safe_normalize,
+    safe_sqrt,
+    wide,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["PhotometricNetwork", "ShadingNetwork", "least_squares", "observation_map"]
+__all__ = [
+    "PhotometricNetwork",
+    "ShadingNetwork",
+    "least_squares",
+    "observation_map",
+    "relative_to_mean",
+    "robust_normals",
+]
 
 #: weight below which a cell of the map counts as unlit: one light two widths away
 FAINT = 0.1
 #: ridge added to L^T L, as a share of the number of lights: 1e-4 of a light turns a normal by
 #: less than 0.01 degrees and keeps lights that lie in one plane from dividing by zero
 RIDGE = 1e-4
+#: c: how far off Lambert's law a light may be before it counts half, as a share of |b|
+OUTLIER = 0.05
+#: sine of the angle to the camera below which a normal faces it
+FACING = 1e-4
+#: cosine of incidence below which a light does not count in the robust fit, and how sharply
+GRAZING, STEEP = 0.1, 30.0
+#: of the mean: what the shading network takes for black
+DARK = 0.02
 
 
 def least_squares(
@@ -54,6 +76,53 @@ def least_squares(
     ridge = RIDGE * direction.shape[-2]
     gram = gram + ridge * torch.eye(3, dtype=gram.dtype, device=gram.device)
     return intensity @ direction @ _inverse(gram)
+
+
+def robust_normals(
+    intensity: Float[Tensor, "*batch pixel light"],
+    direction: Float[Tensor, "*batch light 3"],
+    rounds: int = 8,
+) -> Float[Tensor, "*batch pixel 3"]:
+    """Lambert's law fitted to the lights that obey it: b, reweighted least squares.
+
+    Each round solves b = argmin sum w_i (I_i - l_i . b)^2 with
+
+        w_i = 1 / (1 + (I_i - l_i . b)^2 / (c |b|)^2)     (Cauchy),   0 where l_i . b < |b| / 10
+
+    so that highlights, cast shadows and light that grazes the surface count less and less.
+
+    Args:
+        intensity: any positive scale.
+        direction: unit, to the lights.
+        rounds: after the plain fit, >= 0.
+
+    Returns:
+        b: albedo (in the scale of the intensities) times the normal. Found in float64: where
+        lights contradict each other the rounds multiply rounding a thousandfold.
+
+    Differentiable in: both.
+    Export: compile yes, ONNX yes.
+    References: Holland and Welsch (1977).
+    """
+    values, light = wide(intensity, direction)
+    found = least_squares(values, light)
+    for _ in range(rounds):
+        level = safe_norm(found).unsqueeze(-1)
+        expected = found @ light.mT
+        missed = guarded_divide(values - expected, level) / OUTLIER
+        lit = torch.sigmoid((guarded_divide(expected, level) - GRAZING) * STEEP)
+        weight = lit / (1 + missed * missed) + RIDGE
+        gram = (weight @ _products(light)).unflatten(-1, (3, 3))
+        ridge = RIDGE * weight.sum(-1)[..., None, None]
+        gram = gram + ridge * torch.eye(3, dtype=gram.dtype, device=gram.device)
+        aim = (weight * values) @ light
+        found = (_inverse(gram) @ aim.unsqueeze(-1)).squeeze(-1)
+    return found.to(intensity.dtype)
+
+
+def _products(direction: Tensor) -> Tensor:
+    """The nine products of each direction's components, `*batch light 9`."""
+    return (direction.unsqueeze(-1) * direction.unsqueeze(-2)).flatten(-2)
 
 
 def _inverse(m: Tensor) -> Tensor:
@@ -74,6 +143,7 @@ def observation_map(
     place: Float[Tensor, "*batch light 2"],
     cells: int,
     width: float,
+    weight: Float[Tensor, "*batch light 1"] | None = None,
 ) -> Float[Tensor, "*batch feature+1 cells cells"]:
     """Values of the lights spread over a grid on the disc of light directions.
 
@@ -82,6 +152,7 @@ def observation_map(
         place: x and y of the light's direction, -1..1.
         cells: grid points along an edge, over -1..1.
         width: standard deviation s of the brush.
+        weight: of each light, 0..1; by default 1.
 
     Returns:
         Weighted means, and last how well each cell is covered, w/(w + w_0) in 0..1.
@@ -93,11 +164,12 @@ def observation_map(
     x, y = place.unbind(-1)
     along = _brush(x.unsqueeze(-2) - grid.unsqueeze(-1), width)
     across = _brush(y.unsqueeze(-1) - grid, width)
-    everything = torch.cat([values.mT, torch.ones_like(x).unsqueeze(-2)], -2)
+    everything = torch.cat([values, torch.ones_like(values[..., :1])], -1)
+    everything = (everything if weight is None else everything * weight).mT
     weighted = (everything.unsqueeze(-2) * along.unsqueeze(-3)).flatten(-3, -2)
     drawn = (weighted @ across).unflatten(-2, (-1, cells))
-    weight = drawn[..., -1:, :, :]
-    return torch.cat([drawn[..., :-1, :, :], weight], -3) / (weight + FAINT)
+    covered = drawn[..., -1:, :, :]
+    return drawn / (covered + FAINT)
 
 
 def _brush(distance: Tensor, width: float) -> Tensor:
@@ -126,12 +198,12 @@ class PhotometricNetwork(nn.Module):
         super().__init__()
         self.cells = cells
         self.width = 1.6 / cells
-        self.read = nn.Linear(4 * cells * cells + 4, features)
+        self.read = nn.Linear(4 * cells * cells + 5, features)
         self.deepen = nn.ModuleList(
             nn.Sequential(nn.LayerNorm(features), nn.Linear(features, features), nn.GELU())
             for _ in range(depth)
         )
-        self.answer = nn.Linear(features, 3)
+        self.answer = nn.Linear(features, 2)
         nn.init.zeros_(self.answer.weight)
         nn.init.zeros_(self.answer.bias)
 
@@ -140,82 +212,96 @@ class PhotometricNetwork(nn.Module):
         intensity: Float[Tensor, "*batch pixel light"],
         direction: Float[Tensor, "*batch light 3"],
     ) -> Float[Tensor, "*batch pixel 3"]:
-        described, start, turn = self.describe(intensity, direction)
-        return self.interpret(described, start, turn)
+        return self.interpret(*self.describe(intensity, direction))
 
-    def describe(self, intensity: Tensor, direction: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What the perceptron reads, the least-squares normal in the pixel's frame, the frame."""
-        mean = intensity.mean(-1, keepdim=True)
-        relative = guarded_divide(intensity, mean)
-        start = safe_normalize(least_squares(relative, direction))
-        turn = _heading(start)
-        light = direction.unsqueeze(-3)
-        place = torch.stack(
+    def describe(self, intensity: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
+        """What the perceptron reads, and the pixel's frame: rows x, y and the fitted normal."""
+        relative = guarded_divide(intensity, intensity.mean(-1, keepdim=True))
+        fitted = robust_normals(relative, direction)
+        level = safe_norm(fitted).unsqueeze(-1)
+        ahead = torch.tensor([0.0, 0.0, 1.0], dtype=fitted.dtype, device=fitted.device)
+        frame = _frame(torch.where(level > 0, guarded_divide(fitted, level), ahead))
+        light = torch.einsum("...pij,...lj->...pli", frame, direction)
+        facing = light[..., 2]
+        share = guarded_divide(relative, level)
+        expected = facing.relu()
+        values = torch.stack(
             [
-                light[..., 0] * turn[..., :1] + light[..., 1] * turn[..., 1:],
-                light[..., 1] * turn[..., :1] - light[..., 0] * turn[..., 1:],
+                (share - expected).clamp(-1, 1),
+                torch.sqrt(share.clamp(min=0, max=9)),
+                1 / (1 + ((share - expected) / OUTLIER) ** 2),
             ],
             -1,
         )
-        brightest = relative.amax(-1, keepdim=True)
-        values = torch.stack(
-            [guarded_divide(relative, brightest), relative.clamp(max=4), (relative * 0.25).sqrt()],
-            -1,
-        )
-        level = torch.sqrt((start[..., :2] ** 2).sum(-1, keepdim=True))
-        along = torch.cat([level, torch.zeros_like(level), start[..., 2:]], -1)
-        drawn = observation_map(values, place, self.cells, self.width).flatten(-3)
-        return torch.cat([drawn, along, 1 / brightest.clamp(min=1)], -1), along, turn
+        lit, unlit = torch.sigmoid(facing * STEEP), torch.sigmoid(-facing * STEEP)
+        drawn = observation_map(values, light[..., :2], self.cells, self.width, lit.unsqueeze(-1))
+        # what arrives from lights behind the surface; few of them say little
+        behind = (share * unlit).sum(-1, keepdim=True) / (1 + unlit.sum(-1, keepdim=True))
+        strange = values[..., 2].mean(-1, keepdim=True)
+        brightest = share.amax(-1, keepdim=True).clamp(min=1)
+        numbers = [
+            frame[..., 2, 2:],
+            frame[..., 0, 2:],
+            behind.clamp(max=2),
+            strange,
+            1 / brightest,
+        ]
+        return torch.cat([drawn.flatten(-3), *numbers], -1), frame
 
-    def interpret(self, described: Tensor, along: Tensor, turn: Tensor) -> Tensor:
+    def interpret(self, described: Tensor, frame: Tensor) -> Tensor:
         """The normal, from what `describe` gave."""
         hidden = nn.functional.gelu(self.read(described))
         for layer in self.deepen:
             hidden = hidden + layer(hidden)
-        found = along + self.answer(hidden)
-        x = found[..., :1] * turn[..., :1] - found[..., 1:2] * turn[..., 1:]
-        y = found[..., :1] * turn[..., 1:] + found[..., 1:2] * turn[..., :1]
-        return safe_normalize(torch.cat([x, y, found[..., 2:]], -1))
+        aside = (self.answer(hidden).unsqueeze(-1) * frame[..., :2, :]).sum(-2)
+        return safe_normalize(frame[..., 2, :] + aside)
 
     def extra_repr(self) -> str:
         return f"cells={self.cells}, intensity, direction [1] -> normal [1]"
 
 
-def _heading(start: Tensor) -> Tensor:
-    """Unit (x, y) of the least-squares normal; (1, 0) where it faces the camera."""
-    flat = start[..., :2]
-    aside = (flat.abs().amax(-1, keepdim=True) > 0).to(flat.dtype)
-    ahead = torch.stack([torch.ones_like(flat[..., 0]), torch.zeros_like(flat[..., 0])], -1)
-    return safe_normalize(flat * aside + ahead * (1 - aside))
+def _frame(normal: Tensor) -> Tensor:
+    """Rows x, y, z: z the normal, x in the plane of normal and camera, leaning to the camera.
+
+    A normal that faces the camera has the image's x axis.
+    """
+    nx, ny, nz = normal.unbind(-1)
+    flat = torch.sqrt((nx * nx + ny * ny).clamp(min=FACING * FACING))
+    aside = (nx * nx + ny * ny > FACING * FACING).to(normal.dtype)
+    cx, cy = nx / flat * aside + (1 - aside), ny / flat * aside
+    x = torch.stack([-nz * cx, -nz * cy, flat * aside], -1)
+    y = torch.stack([cy, -cx, torch.zeros_like(cx)], -1)
+    return torch.stack([x, y, torch.stack([nx, ny, nz], -1)], -2)
 
 
 @final
 class ShadingNetwork(nn.Module):
-    """Normals from the luminance of one image and its mask; any height and width.
+    """Normals and paint from one image and its mask; any height and width.
 
     Args:
         features: channels at half the resolution, doubled by the next two halvings.
 
-    Shapes: luminance `B 1 H W` (any positive scale), mask `B 1 H W` (1 on the object) ->
-    normal `B 3 H W`, unit on the object and 0 elsewhere.
+    Shapes: image `B 3 H W` (linear, any positive scale), mask `B 1 H W` (1 on the object) ->
+    normal `B 3 H W`, unit on the object and 0 elsewhere, and albedo `B 3 H W` up to a scale, of
+    mean 1 on the object and 0 elsewhere.
     """
 
     def __init__(self, features: int = 32) -> None:
         super().__init__()
         wide = [features, 2 * features, 4 * features, 4 * features]
-        self.first = _block(4, wide[0], stride=2)
+        self.first = _block(DESCRIBED, wide[0], stride=2)
         self.down = nn.ModuleList(_block(a, b, stride=2) for a, b in pairwise(wide))
         self.middle = _block(wide[-1], wide[-1], dilation=2)
         self.up = nn.ModuleList(
             _block(wide[k + 1] + wide[k], wide[k]) for k in reversed(range(len(wide) - 1))
         )
-        self.last = nn.Sequential(nn.Conv2d(wide[0] + 4, 16, 3, padding=1), nn.GELU())
-        self.answer = nn.Conv2d(16, 3, 3, padding=1)
+        self.last = nn.Sequential(nn.Conv2d(wide[0] + DESCRIBED, 24, 3, padding=1), nn.GELU())
+        self.answer = nn.Conv2d(24, 6, 3, padding=1)
 
     def forward(
-        self, luminance: Float[Tensor, "B 1 H W"], mask: Float[Tensor, "B 1 H W"]
-    ) -> Float[Tensor, "B 3 H W"]:
-        described = _described(luminance, mask)
+        self, image: Float[Tensor, "B 3 H W"], mask: Float[Tensor, "B 1 H W"]
+    ) -> tuple[Float[Tensor, "B 3 H W"], Float[Tensor, "B 3 H W"]]:
+        described = _described(image, mask)
         levels = [self.first(described)]
         for down in self.down:
             levels.append(down(levels[-1]))
@@ -224,12 +310,27 @@ class ShadingNetwork(nn.Module):
             skip = levels.pop()
             found = up(torch.cat([_enlarged(found, skip), skip], 1))
         found = self.last(torch.cat([_enlarged(found, described), described], 1))
-        x, y, z = self.answer(found).unbind(1)
+        x, y, z, *paint = self.answer(found).unbind(1)
         facing = torch.stack([x, y, nn.functional.softplus(z)], -1)
-        return safe_normalize(facing).movedim(-1, 1) * mask
+        normal = safe_normalize(facing).movedim(-1, 1) * mask
+        return normal, relative_to_mean(torch.exp(torch.stack(paint, 1).clamp(-6, 6)), mask)
 
     def extra_repr(self) -> str:
-        return "luminance, mask [1] -> normal [1]"
+        return "image, mask [1] -> normal, albedo [1]"
+
+
+#: channels that the shading network reads
+DESCRIBED = 8
+
+
+def relative_to_mean(
+    image: Float[Tensor, "B C H W"], mask: Float[Tensor, "B 1 H W"]
+) -> Float[Tensor, "B C H W"]:
+    """An image divided by its mean over the mask and all channels; 0 outside the mask."""
+    inside = image * mask
+    total = inside.sum((-3, -2, -1), keepdim=True)
+    area = mask.sum((-2, -1), keepdim=True) * image.shape[-3]
+    return guarded_divide(inside, guarded_divide(total, area))
 
 
 def _enlarged(image: Tensor, like: Tensor) -> Tensor:
@@ -237,14 +338,15 @@ def _enlarged(image: Tensor, like: Tensor) -> Tensor:
     return nn.functional.interpolate(image, size=like.shape[-2:], mode="bilinear")
 
 
-def _described(luminance: Tensor, mask: Tensor) -> Tensor:
-    """Luminance relative to its mean on the object, mask, and where in the object's box."""
-    inside = luminance * mask
-    area = mask.sum((-2, -1), keepdim=True)
-    relative = guarded_divide(inside, guarded_divide(inside.sum((-2, -1), keepdim=True), area))
+def _described(image: Tensor, mask: Tensor) -> Tensor:
+    """Colour relative to the object's mean, its logarithm, mask, and where in the object's box."""
+    relative = relative_to_mean(image, mask).clamp(max=4)
+    level = torch.log(relative.mean(1, keepdim=True) + DARK) * mask
     across, down = (torch.cumsum(torch.ones_like(mask), axis) for axis in (-1, -2))
+    area = mask.sum((-2, -1), keepdim=True)
     place = [_standing(axis, mask, area) for axis in (across, down)]
-    return torch.cat([relative.clamp(max=4), mask, *place], 1)
+    edge = nn.functional.avg_pool2d(mask, 9, stride=1, padding=4)
+    return torch.cat([relative, level, mask, edge, *place], 1)
 
 
 def _standing(axis: Tensor, mask: Tensor, area: Tensor) -> Tensor:

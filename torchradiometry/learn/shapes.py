@@ -1,11 +1,12 @@
 """Random shapes as height fields, made on the fly and the same for the same seed.
 
-Four families, drawn at random:
+Families, drawn at random:
 
     blobs       z = a smooth dome plus Gaussian bumps and dents
     ellipsoids  z = max over tilted half ellipsoids (creases, concave joints, silhouettes)
     reliefs     z = filtered noise with a power spectrum |f|^-p on a tilted plane
-    carved      z = ellipsoids times a relief: objects with fine surface detail
+    limbs, lathe, stones, sheets    see `solids`
+    carved      z = one of the solid ones plus a relief: objects with fine surface detail
 
 Lengths are in pixels, x to the right, y up, z to the camera, seen orthographically.
 Normals come from the heights by `geometry.depth`, so what is shaded, what casts shadows and
@@ -19,7 +20,7 @@ ECCV 2018, section 4.1 (why training shapes need concavities); M. K. Johnson and
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import torch
@@ -27,13 +28,14 @@ from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import points_to_normals
+from torchradiometry.learn.solids import grid, lathe, limbs, sheets, stones, uniform
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
 __all__ = ["FAMILIES", "Shapes", "height_to_normals", "random_shapes"]
 
-FAMILIES = ("blobs", "ellipsoids", "reliefs", "carved")
+FAMILIES = ("blobs", "ellipsoids", "reliefs", "carved", "limbs", "lathe", "stones", "sheets")
 
 
 class Shapes(NamedTuple):
@@ -78,9 +80,8 @@ def random_shapes(
     unknown = [family for family in families if family not in FAMILIES]
     if unknown or not families:
         raise OutOfRangeError("families", str(list(families)), f"choose some of {FAMILIES}")
-    makers = {"blobs": _blobs, "ellipsoids": _ellipsoids, "reliefs": _reliefs, "carved": _carved}
     choice = torch.randint(0, len(families), (count,), generator=generator).tolist()
-    made = [makers[families[k]](size, generator) for k in choice]
+    made = [MAKERS[families[k]](size, generator) for k in choice]
     height = torch.stack([height for height, _ in made])
     inside = torch.stack([mask for _, mask in made])
     return _finished(height, inside)
@@ -94,7 +95,7 @@ def height_to_normals(
     >>> height_to_normals(torch.zeros(1, 4, 4))[0, :, 0, 0].abs()
     tensor([0., 0., 1.])
     """
-    x, y = _grid(*height.shape[-2:])
+    x, y = grid(*height.shape[-2:])
     points = torch.stack(
         [(x * pixel_size).expand_as(height), (y * pixel_size).expand_as(height), height], 1
     )
@@ -114,17 +115,6 @@ def _finished(height: Tensor, inside: Tensor) -> Shapes:
     return Shapes(height, normal, mask)
 
 
-def _grid(rows: int, columns: int) -> tuple[Tensor, Tensor]:
-    """x (right) and y (up) of pixel centres in pixels, the middle of the image at 0."""
-    x = torch.arange(columns) - (columns - 1) / 2
-    y = (rows - 1) / 2 - torch.arange(rows)
-    return x.expand(rows, columns), y.unsqueeze(1).expand(rows, columns)
-
-
-def _uniform(generator: torch.Generator, low: float, high: float, *shape: int) -> Tensor:
-    return torch.rand(shape, generator=generator) * (high - low) + low
-
-
 def _noise(size: int, power: float, generator: torch.Generator) -> Tensor:
     """Filtered noise of spectrum |f|^-power, mean 0 and standard deviation 1."""
     spectrum = torch.fft.rfft2(torch.randn(2 * size, 2 * size, generator=generator))
@@ -136,13 +126,13 @@ def _noise(size: int, power: float, generator: torch.Generator) -> Tensor:
 
 
 def _ellipsoids(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    x, y = _grid(size, size)
+    x, y = grid(size, size)
     pieces = int(torch.randint(1, 12, (), generator=generator))
-    radius = _uniform(generator, 0.1, 0.42, pieces, 2) * size
-    depth = radius.mean(1) * _uniform(generator, 0.4, 1.6, pieces)
-    turn = _uniform(generator, 0, math.pi, pieces)
+    radius = uniform(generator, 0.1, 0.42, pieces, 2) * size
+    depth = radius.mean(1) * uniform(generator, 0.4, 1.6, pieces)
+    turn = uniform(generator, 0, math.pi, pieces)
     spread = 0.0 if pieces == 1 else 0.28
-    centre = _uniform(generator, -spread, spread, pieces, 3) * size
+    centre = uniform(generator, -spread, spread, pieces, 3) * size
     dx, dy = x - centre[:, 0, None, None], y - centre[:, 1, None, None]
     c, s = torch.cos(turn)[:, None, None], torch.sin(turn)[:, None, None]
     along, across = (c * dx + s * dy), (c * dy - s * dx)
@@ -154,33 +144,48 @@ def _ellipsoids(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
 
 
 def _blobs(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    x, y = _grid(size, size)
+    x, y = grid(size, size)
     bumps = int(torch.randint(4, 24, (), generator=generator))
-    width = _uniform(generator, 0.05, 0.25, bumps, 1, 1) * size
-    centre = _uniform(generator, -0.45, 0.45, bumps, 2, 1, 1) * size
-    tall = _uniform(generator, -0.9, 1.5, bumps, 1, 1) * width
+    width = uniform(generator, 0.05, 0.25, bumps, 1, 1) * size
+    centre = uniform(generator, -0.45, 0.45, bumps, 2, 1, 1) * size
+    tall = uniform(generator, -0.9, 1.5, bumps, 1, 1) * width
     squared = (x - centre[:, 0]) ** 2 + (y - centre[:, 1]) ** 2
     bumpy = (tall * torch.exp(-squared / (2 * width**2))).sum(0)
-    radius = float(_uniform(generator, 0.38, 0.7)) * size
+    radius = float(uniform(generator, 0.38, 0.7)) * size
     room = 1 - (x**2 + y**2) / radius**2
-    dome = float(_uniform(generator, 0.2, 1.2)) * radius * torch.sqrt(room.clamp(min=0))
+    dome = float(uniform(generator, 0.2, 1.2)) * radius * torch.sqrt(room.clamp(min=0))
     return dome + bumpy, room > 0
 
 
 def _reliefs(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    x, y = _grid(size, size)
-    power = float(_uniform(generator, 1.8, 3.2))
-    tall = float(_uniform(generator, 0.02, 0.16)) * size
-    slope = _uniform(generator, -0.8, 0.8, 2)
+    x, y = grid(size, size)
+    power = float(uniform(generator, 1.8, 3.2))
+    tall = float(uniform(generator, 0.02, 0.16)) * size
+    slope = uniform(generator, -0.8, 0.8, 2)
     height = tall * _noise(size, power, generator) + slope[0] * x + slope[1] * y
     return height, torch.ones(size, size, dtype=torch.bool)
 
 
 def _carved(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    height, inside = _ellipsoids(size, generator)
-    power = float(_uniform(generator, 1.2, 2.5))
-    tall = float(_uniform(generator, 0.004, 0.05)) * size
+    solid = (_ellipsoids, limbs, lathe, stones)
+    which = int(torch.randint(0, len(solid), (), generator=generator))
+    height, inside = solid[which](size, generator)
+    power = float(uniform(generator, 1.2, 2.5))
+    tall = float(uniform(generator, 0.004, 0.05)) * size
     detail = _noise(size, power, generator)
     if torch.rand((), generator=generator) < 0.3:
         detail = -detail.abs()  # grooves with sharp bottoms
     return height + tall * detail, inside
+
+
+#: (size, generator) -> heights and whether the object is there
+MAKERS: dict[str, Callable[[int, torch.Generator], tuple[Tensor, Tensor]]] = {
+    "blobs": _blobs,
+    "ellipsoids": _ellipsoids,
+    "reliefs": _reliefs,
+    "carved": _carved,
+    "limbs": limbs,
+    "lathe": lathe,
+    "stones": stones,
+    "sheets": sheets,
+}

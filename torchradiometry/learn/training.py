@@ -30,10 +30,15 @@ from torchradiometry.learn.data import (
     ShadingSamples,
     SurfaceOptions,
     make_bank,
+    make_shapes,
 )
 from torchradiometry.learn.images import Observations
-from torchradiometry.learn.losses import angle_degrees, chord_loss
-from torchradiometry.learn.networks import PhotometricNetwork, ShadingNetwork
+from torchradiometry.learn.losses import albedo_loss, angle_degrees, chord_loss
+from torchradiometry.learn.networks import (
+    PhotometricNetwork,
+    ShadingNetwork,
+    relative_to_mean,
+)
 from torchradiometry.learn.single_images import SingleImages
 
 __all__ = [
@@ -46,6 +51,9 @@ __all__ = [
 ]
 
 Batch: TypeAlias = Observations | SingleImages
+
+#: what the albedo counts beside the normals
+PAINT = 0.1
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,9 @@ class ShadingTraining:
         steps: optimiser steps; the whole cost.
         images: images in a batch.
         size: pixels along their edge.
-        shadows: cast shadows in the images.
+        shapes: how many different shapes.
+        shadows: shadows of lamps and of the sky.
+        outline: show the network nothing but outlines: the control.
         features: channels of the network.
         rate: peak learning rate.
         seed: of data and first weights.
@@ -110,7 +120,9 @@ class ShadingTraining:
     steps: int = 400
     images: int = 8
     size: int = 64
+    shapes: int = 1500
     shadows: bool = True
+    outline: bool = False
     features: int = 32
     rate: float = 1.5e-3
     seed: int = 1
@@ -125,8 +137,9 @@ class ShadingTraining:
             return ShadingNetwork(self.features)
 
     def samples(self, advance: Advance | None = None) -> ShadingSamples:
-        """The batches of this seed."""
-        return ShadingSamples(self.steps, self.seed, self.images, self.size, self.shadows)
+        """The batches of this seed; making the shapes is the long part."""
+        bank = make_shapes(self.shapes, self.size, self.seed, advance)
+        return ShadingSamples(bank, self.steps, self.seed, self.images, self.shadows, self.outline)
 
 
 Training: TypeAlias = PhotometricTraining | ShadingTraining
@@ -213,8 +226,8 @@ def _step(
 ) -> tuple[float, float]:
     """One update; the loss and the mean angle before it."""
     network.train()
-    found, truth, weight = _answer(network, batch)
-    loss = chord_loss(found, truth, weight)
+    found, truth, weight, besides = _answer(network, batch)
+    loss = chord_loss(found, truth, weight) + besides
     optimizer.zero_grad(set_to_none=True)
     torch.autograd.backward(loss)
     nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -225,12 +238,16 @@ def _step(
     return float(loss.detach()), float(mean)
 
 
-def _answer(network: nn.Module, batch: Batch) -> tuple[Tensor, Tensor, Tensor | None]:
-    """Found and true normals with the vector last, and the weight of each pixel."""
+def _answer(
+    network: nn.Module, batch: Batch
+) -> tuple[Tensor, Tensor, Tensor | None, Tensor | float]:
+    """Found and true normals with the vector last, the weight of each pixel, and other losses."""
     if isinstance(batch, Observations):
-        return network(batch.intensity, batch.direction), batch.normal, None
-    found = network(batch.luminance, batch.mask).movedim(1, -1)
-    return found, batch.normal.movedim(1, -1), batch.mask.squeeze(1)
+        return network(batch.intensity, batch.direction), batch.normal, None, 0.0
+    found, paint = network(batch.image, batch.mask)
+    besides = PAINT * albedo_loss(paint, relative_to_mean(batch.albedo, batch.mask), batch.mask)
+    weight = batch.mask.squeeze(1)
+    return found.movedim(1, -1), batch.normal.movedim(1, -1), weight, besides
 
 
 def _set_rate(optimizer: torch.optim.Optimizer, training: Training, step: int) -> None:

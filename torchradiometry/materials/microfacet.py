@@ -10,7 +10,7 @@ delta is the angle between normal and half vector h, mu are the cosines of wi an
 normal, u = wi . h. D is the distribution of Trowbridge and Reitz, known as GGX, whose tails are
 longer than those of cos^n and nearer to measured highlights; G is Smith's share of mirrors that
 no other one hides from light and eye together. Light that bounces twice between mirrors is
-left out: of light from above, a white surface (k_s = 1) reflects 99.6 % at a = 0.1 and only
+left out: of light from above, a white surface (k_s = 1) reflects 98.8 % at a = 0.1 and only
 1 - ln 2 = 31 % at a = 1.
 
 References: T. S. Trowbridge and K. P. Reitz, JOSA 65 (1975); R. L. Cook and K. E. Torrance, ACM
