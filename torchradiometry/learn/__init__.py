@@ -1,5 +1,17 @@
 """SHAPE FROM SHADING: random shapes shaded by the layers, networks, losses, training."""
 
+from torchradiometry.learn.benchmarks import (
+    SingleEvaluation,
+    drawn_lights,
+    evaluate_draws,
+    evaluate_single,
+    evaluate_singles,
+    find_objects,
+    geometric_mean,
+    photometric_benchmark,
+    surface_normals,
+)
+from torchradiometry.learn.checkpoints import load_checkpoint
 from torchradiometry.learn.data import PhotometricSamples, ShadingSamples, SurfaceOptions, make_bank
 from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
@@ -11,36 +23,45 @@ from torchradiometry.learn.networks import (
     least_squares,
     observation_map,
 )
+from torchradiometry.learn.processes import Processes, joined_processes
+from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining
+from torchradiometry.learn.settings_file import read_training, write_training
 from torchradiometry.learn.shapes import Shapes, height_to_normals, random_shapes
 from torchradiometry.learn.single_images import SingleImages, photograph_shapes
-from torchradiometry.learn.training import (
-    PhotometricTraining,
-    ShadingTraining,
-    Trained,
-    load_checkpoint,
-    train,
-)
+from torchradiometry.learn.stored_samples import StoredSamples, write_samples
+from torchradiometry.learn.training import Machine, Trained, train
 
 __all__ = [
     "Evaluation",
+    "Machine",
     "Materials",
     "Observations",
     "PhotometricNetwork",
     "PhotometricSamples",
     "PhotometricTraining",
+    "Processes",
     "ShadingNetwork",
     "ShadingSamples",
     "ShadingTraining",
     "Shapes",
+    "SingleEvaluation",
     "SingleImages",
+    "StoredSamples",
     "SurfaceBank",
     "SurfaceOptions",
     "Trained",
     "angle_degrees",
     "chord_loss",
+    "drawn_lights",
     "evaluate",
+    "evaluate_draws",
     "evaluate_folder",
+    "evaluate_single",
+    "evaluate_singles",
+    "find_objects",
+    "geometric_mean",
     "height_to_normals",
+    "joined_processes",
     "least_squares",
     "load_checkpoint",
     "make_bank",
@@ -48,8 +69,13 @@ __all__ = [
     "observation_map",
     "observe",
     "photograph_shapes",
+    "photometric_benchmark",
     "random_lights",
     "random_materials",
     "random_shapes",
+    "read_training",
+    "surface_normals",
     "train",
+    "write_samples",
+    "write_training",
 ]
