@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from tests.demo.test_run import write_sphere_set
 from torchradiometry.demo import run_benchmark
-from torchradiometry.deploy import angular_error, estimate_normals, read_photographs
+from torchradiometry.deploy import (
+    angular_error,
+    estimate_normals,
+    find_model,
+    read_photographs,
+)
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError, ShapeError
 from torchradiometry.files import write_counts
 from torchradiometry.learn.benchmarks import (
@@ -72,6 +77,10 @@ def test_one_object_is_scored_beside_its_outline(tmp_path: Path) -> None:
     assert found.pixels == np.isfinite(surface_normals(height_of_ball())).all(-1).sum()
     assert 0 < found.radians < found.outline < 1.5
     assert found.radians < np.radians(15)
+    control = evaluate_single(tmp_path / "ball", control=find_model("shading"))
+    assert control[:4] == found[:4]
+    with pytest.raises(FileFormatError, match="a model of"):
+        evaluate_single(tmp_path / "ball", control=find_model("photometric"))
 
 
 def test_draws_of_lights_are_the_published_ones(tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ def run_benchmark(
     folder: str | Path,
     *,
     model: str | Path | None = None,
+    control: str | Path | None = None,
     lights: int = 10,
     draws: int = 5,
     table: str | Path | None = None,
@@ -65,6 +66,7 @@ def run_benchmark(
         kind: `photometric` or `shading`.
         folder: one object, or a folder of objects.
         model: an ONNX file; by default the shipped one of this kind.
+        control: shading: the ONNX file that is shown the outlines; by default the model.
         lights: photometric: lights in a draw.
         draws: photometric: draws of each object, of seeds 0, 1 ...; 0 leaves them out.
         table: a `.csv` file for every measurement.
@@ -88,7 +90,7 @@ def run_benchmark(
         objects = find_objects(folder)
         others = {} if published is None else _published_radians(Path(published))
         with progress_bar(("Objects", len(objects))) as (advance,):
-            singles = evaluate_singles(folder, model, advance)
+            singles = evaluate_singles(folder, model, control, advance)
         rows, unit = _radians(singles), "N-MAE, radians; mean is geometric"
         measured = singles
     if table is not None:

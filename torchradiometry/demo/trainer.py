@@ -132,7 +132,7 @@ def dataset_folder(
     out = check_folder_place(out, "data set")
     training = _chosen(kind, out, config, resume=False)
     training = replace(training, steps=count, seed=training.seed if seed is None else seed)
-    surfaces = [("Shading surfaces", training.shapes())] if training.shapes() else []
+    surfaces = [("Shading surfaces", training.surfaces_made())] if training.surfaces_made() else []
     with torch_threads(threads), progress_bar(*surfaces, ("Writing batches", count)) as bars:
         written = write_samples(training, out, bars[-1], bars[0] if surfaces else None)
     return {
@@ -235,10 +235,10 @@ def _train(
     if not machine.processes.writes:
         return train(training, **options)
     steps = ("Training", training.steps)
-    if stored is not None or not training.shapes():
+    if stored is not None or not training.surfaces_made():
         with progress_bar(steps) as (advance,):
             return train(training, advance, **options)
-    with progress_bar(("Shading surfaces", training.shapes()), steps) as (surfaces, advance):
+    with progress_bar(("Shading surfaces", training.surfaces_made()), steps) as (surfaces, advance):
         return train(training, advance, surfaces_advance=surfaces, **options)
 
 

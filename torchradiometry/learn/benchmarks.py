@@ -10,8 +10,8 @@ over 3 x 3 pixels, the three rows weighted 1 2 1,
 
     n = (-dZ/dx, -dZ/dy, 1) / |.|,   dZ/dx = sum over rows r of w_r (Z_r,right - Z_r,left) / 8
 
-with y up. Beside it stands the *outline alone*: the same model shown an object that is white all
-over, which tells how much of the answer came from shading.
+with y up. Beside it stands the *outline alone*: the same model, or a control that was trained so,
+shown an object that is white all over. The difference is what shading told.
 
 A folder of the second kind holds `diffuse.png` (linear), `mask.png` and `geometry.npz` with `Z`,
 the height towards the viewer in pixels, NaN outside.
@@ -154,12 +154,16 @@ def surface_normals(height: NDArray[np.floating]) -> NDArray[np.float64]:
     return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
-def evaluate_single(folder: str | Path, model: str | Path | None = None) -> SingleEvaluation:
+def evaluate_single(
+    folder: str | Path, model: str | Path | None = None, control: str | Path | None = None
+) -> SingleEvaluation:
     """N-MAE of one object, with its photograph and with its outline alone.
 
     Args:
         folder: with `diffuse.png`, `mask.png` and `geometry.npz`.
         model: an ONNX file; by default the shipped one.
+        control: an ONNX file that is shown the outline, such as one trained on outlines; by
+            default the model itself.
 
     Raises:
         InputFileError: one of the three files is missing.
@@ -173,15 +177,16 @@ def evaluate_single(folder: str | Path, model: str | Path | None = None) -> Sing
     if not compared.any():
         raise ShapeError(str(folder), "no pixel with a known normal", "check geometry.npz")
 
-    def radians(shown: Photograph) -> float:
-        found = estimate_normals(shown, model)
+    def radians(shown: Photograph, by: str | Path | None) -> float:
+        found = estimate_normals(shown, by)
         return float(np.radians(angular_error(found, truth, compared)).mean())
 
     began = time.perf_counter()
-    error = radians(photograph)
+    error = radians(photograph, model)
     seconds = time.perf_counter() - began
     white = Photograph(np.ones_like(photograph.image), photograph.mask, photograph.name)
-    return SingleEvaluation(folder.name, int(compared.sum()), error, radians(white), seconds)
+    outline = radians(white, model if control is None else control)
+    return SingleEvaluation(folder.name, int(compared.sum()), error, outline, seconds)
 
 
 def find_objects(folder: str | Path) -> list[Path]:
@@ -204,7 +209,10 @@ def find_objects(folder: str | Path) -> list[Path]:
 
 
 def evaluate_singles(
-    folder: str | Path, model: str | Path | None = None, advance: Advance | None = None
+    folder: str | Path,
+    model: str | Path | None = None,
+    control: str | Path | None = None,
+    advance: Advance | None = None,
 ) -> list[SingleEvaluation]:
     """`evaluate_single` of one object's folder, or of every object's in a folder.
 
@@ -213,7 +221,7 @@ def evaluate_singles(
     """
     rows = []
     for done, path in enumerate(find_objects(folder), 1):
-        rows.append(evaluate_single(path, model))
+        rows.append(evaluate_single(path, model, control))
         if advance is not None:
             advance(done, path.name)
     return rows

@@ -70,7 +70,7 @@ class PhotometricTraining:
             bank, self.surfaces, self.steps, self.seed, self.batch_shapes, self.batch_pixels
         )
 
-    def shapes(self) -> int:
+    def surfaces_made(self) -> int:
         """How many surfaces `samples` makes before the first batch."""
         return self.surfaces.shapes
 
@@ -113,7 +113,7 @@ class ShadingTraining:
         """The batches of this seed."""
         return ShadingSamples(self.steps, self.seed, self.images, self.size, self.shadows)
 
-    def shapes(self) -> int:
+    def surfaces_made(self) -> int:
         """How many surfaces `samples` makes before the first batch: none."""
         return 0
 
