@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from tests.demo.test_run import write_sphere_set
+from tests.demo.test_trainer import touch
+from tests.learn.test_benchmarks import write_object
 from torchradiometry.cli import main
+from torchradiometry.deploy import find_model
 from torchradiometry.files import read_picture, write_picture
 from torchradiometry.scene.build import box, cornell_like_room
 from torchradiometry.scene.scene import Scene
@@ -43,7 +46,21 @@ def only_inputs_remain(folder: Path, *names: str) -> bool:
     return sorted(p.name for p in folder.iterdir()) == sorted(names)
 
 
-@pytest.mark.parametrize("command", ["demo", "render", "tradeoff", "normals", "export"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "demo",
+        "render",
+        "tradeoff",
+        "plan",
+        "normals",
+        "train",
+        "dataset",
+        "evaluate",
+        "calibrate",
+        "export",
+    ],
+)
 def test_help_shows_an_example(capsys: pytest.CaptureFixture[str], command: str) -> None:
     code, out, _ = run(capsys, command, "--help")
     assert code == 0
@@ -119,6 +136,72 @@ def test_normals_of_a_set_and_of_one_photograph(
     assert json.loads(out)["pixels"] == inside.sum()
 
 
+def test_dataset_then_train_then_evaluate(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torchradiometry.demo.trainer.export_network", touch)
+    (tmp_path / "t.toml").write_text('kind = "shading"\nimages = 2\nsize = 24\nshapes = 5\nfeatures = 8\n')
+    common = ("shading", "--config", tmp_path / "t.toml", "--seed", 5, "--json")
+    data, trained = tmp_path / "data", tmp_path / "trained"
+    code, out, _ = run(capsys, "dataset", *common, "--count", 2, "--out", data)
+    assert code == 0
+    assert json.loads(out)["count"] == 2
+    code, out, err = run(
+        capsys, "train", *common, "--steps", 2, "--data", data, "--out", trained, "--bfloat16"
+    )
+    assert code == 0
+    settings = json.loads(out)["training"]
+    assert (settings["steps"], settings["seed"], settings["bfloat16"]) == (2, 5, True)
+    assert "degrees" in err  # the progress bar
+    write_object(tmp_path / "objects" / "ball")
+    model = ("--model", find_model("shading"))
+    code, out, _ = run(capsys, "evaluate", "shading", tmp_path / "objects", *model)
+    assert code == 0
+    assert "N-MAE" in out
+    assert "its outline alone" in out
+
+
+def test_calibrate_says_what_it_did(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write_sphere_set(tmp_path / "ball")
+    photographs = [tmp_path / "ball" / name for name in ("001.png", "002.png")]
+    given = ("--times", "1/30, 0.1", "--response", "linear", "--light", "1,2,1/2")
+    code, out, _ = run(capsys, "calibrate", *photographs, *given, "--out", tmp_path / "x.exr")
+    assert code == 0
+    assert "merged 2 exposures of 0.0333 to 0.1 s (8-bit counts taken as linear)" in out
+    assert "divided by the light's 1, 2, 0.5" in out
+    assert read_picture(tmp_path / "x.exr").max() > 0
+
+
+def test_an_interrupt_is_one_sentence(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("torchradiometry.deploy.normals_file", interrupted)
+    code, out, err = run(capsys, "normals", tmp_path, "--out", tmp_path / "n.npy")
+    assert (code, out, err) == (130, "", "torchradiometry: interrupted.\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("train", "radiosity"),
+        ("train", "shading", "--steps", "0"),
+        ("calibrate", "a.png", "--times", "fast", "--out", "x.npy"),
+        ("calibrate", "a.png", "--light", "1/0", "--out", "x.npy"),
+        ("evaluate", "photometric", "ball", "--lights", "2"),
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_value_is_a_usage_error(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    code, out, err = run(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert "Error" in err
+
+
 def test_normals_never_loads_torch(tmp_path: Path) -> None:
     images = write_sphere_set(tmp_path / "ball")
     arguments = ["torchradiometry", "normals", str(images), "--out", str(tmp_path / "n.npy")]
@@ -182,6 +265,23 @@ def test_bad_scenes_end_in_one_sentence(
         ("export", "no-such-layer", "--out", "x.onnx"),
         ("export", "lambertian", "--out", "none/x.onnx"),
         ("demo", "--images", "missing"),
+        ("train", "shading", "--out", "box.glb"),
+        ("train", "shading", "--out", "none/x"),
+        ("train", "shading", "--out", "x", "--config", "missing.toml"),
+        ("train", "shading", "--out", "x", "--config", "box.glb"),
+        ("train", "shading", "--out", "x", "--device", "abacus"),
+        ("train", "shading", "--out", "x", "--data", "empty"),
+        ("dataset", "shading", "--out", "none/x", "--count", "1"),
+        ("dataset", "shading", "--out", "box.glb", "--count", "1"),
+        ("evaluate", "photometric", "empty"),
+        ("evaluate", "shading", "missing"),
+        ("evaluate", "photometric", "ball", "--model", "box.glb"),
+        ("evaluate", "photometric", "ball", "--published", "missing.csv"),
+        ("calibrate", "missing.png", "--out", "x.npy"),
+        ("calibrate", "empty", "--out", "x.npy"),
+        ("calibrate", "ball/001.png", "--out", "x.png"),
+        ("calibrate", "ball/001.png", "ball/002.png", "--out", "x.npy"),
+        ("calibrate", "ball/001.png", "--out", "x.npy", "--light", "0"),
     ],
     ids=" ".join,
 )

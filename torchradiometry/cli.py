@@ -12,17 +12,33 @@ from __future__ import annotations
 
 import json as json_module
 import sys
+from enum import Enum
+from fractions import Fraction
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 import torchradiometry
 from torchradiometry.errors import RadiometryError
 
 __all__ = ["app", "main"]
 
+
+class _Commands(TyperGroup):
+    """Commands that end with one sentence and exit code 130 when they are interrupted."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            typer.echo(f"torchradiometry: {str(stop) or 'interrupted'}.", err=True)
+            raise typer.Exit(130) from stop
+
+
 app = typer.Typer(
+    cls=_Commands,
     name="torchradiometry",
     help="Radiometry as PyTorch layers, from one dot product to full interreflection.",
     no_args_is_help=True,
@@ -33,6 +49,26 @@ app = typer.Typer(
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Out = Annotated[Path, typer.Option("--out", help="Where the result goes.", show_default=False)]
+
+
+Width = Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")]
+Height = Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")]
+Scene = Annotated[
+    str, typer.Argument(metavar="SCENE", help="glTF, GLB, a mesh, or a standard scene's name.")
+]
+Model = Annotated[
+    Path | None, typer.Option(help="ONNX model to run instead of the one that is shipped.")
+]
+Config = Annotated[Path | None, typer.Option(help="A TOML file that describes the training.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Of data and first weights.")]
+Threads = Annotated[int, typer.Option(min=1, help="Of torch; several may change last bits.")]
+
+
+Kind = Enum("Kind", {"photometric": "photometric", "shading": "shading"})
+Response = Enum("Response", {"debevec": "debevec", "srgb": "srgb", "linear": "linear"})
+KindArgument = Annotated[
+    Kind, typer.Argument(help="Many photographs under known lights, or one.", show_default=False)
+]
 
 
 def _print_version(wanted: bool) -> None:
@@ -79,8 +115,8 @@ def demo(
 def render(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="glTF, GLB or a mesh.")],
     out: Out,
-    width: Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")] = 256,
-    height: Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")] = 256,
+    width: Width = 256,
+    height: Height = 256,
     tolerance: Annotated[
         float, typer.Option(help="Largest relative L1 error of the picture, 0..1.")
     ] = 0.03,
@@ -98,12 +134,10 @@ def render(
 
 @app.command()
 def tradeoff(
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="glTF, GLB, a mesh, or a standard scene's name.")
-    ],
+    scene: Scene,
     out: Out,
-    width: Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")] = 96,
-    height: Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")] = 72,
+    width: Width = 96,
+    height: Height = 72,
     repeats: Annotated[int, typer.Option(min=1, help="Runs of each rung.")] = 3,
     json: Json = False,
 ) -> None:
@@ -121,17 +155,15 @@ def tradeoff(
 
 @app.command()
 def plan(
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="glTF, GLB, a mesh, or a standard scene's name.")
-    ],
+    scene: Scene,
     tolerance: Annotated[
         float | None, typer.Option(help="Largest relative L1 error of the picture, 0..1.")
     ] = None,
     seconds: Annotated[
         float | None, typer.Option(help="Time that the picture may take, instead of a tolerance.")
     ] = None,
-    width: Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")] = 256,
-    height: Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")] = 256,
+    width: Width = 256,
+    height: Height = 256,
     out: Annotated[
         Path | None, typer.Option("--out", help="A .json file to keep the plan in.")
     ] = None,
@@ -165,9 +197,8 @@ def normals(
     mask: Annotated[
         Path | None, typer.Option(help="Mask of one photograph; white is the object.")
     ] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="ONNX model to run instead of the one that is shipped.")
-    ] = None,
+    model: Model = None,
+    linear: Annotated[bool, typer.Option("--linear", help="One photograph: not sRGB.")] = False,
     json: Json = False,
 ) -> None:
     """Surface normals from photographs: x right, y up, z to the camera; .npy or .png.
@@ -177,8 +208,9 @@ def normals(
 
     Example: torchradiometry normals photographs/ --out normals.npy
     """
-    report = torchradiometry.deploy.normals_file(images, out, mask=mask, model=model)
-    _print_report(report, json, f"{report['out']}: {report['seconds']:.2f} s.")
+    report = torchradiometry.deploy.normals_file(images, out, mask=mask, model=model, linear=linear)
+    sentence = f"{report['out']}: {report['seconds']:.2f} s ({report['radiometry']})."
+    _print_report(report, json, sentence)
 
 
 @app.command()
@@ -209,6 +241,143 @@ def export(
     )
 
 
+@app.command()
+def train(
+    kind: KindArgument,
+    steps: Annotated[int | None, typer.Option(min=1, help="Optimiser steps.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where --out stands.")] = False,
+    config: Config = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the result [default: KIND-training].")
+    ] = None,
+    seed: Seed = None,
+    data: Annotated[Path | None, typer.Option(help="Batches from a folder of `dataset`.")] = None,
+    bfloat16: Annotated[bool, typer.Option("--bfloat16", help="Round matrix products.")] = False,
+    device: Annotated[str, typer.Option(help="Of the network, such as cuda.")] = "cpu",
+    threads: Threads = 1,
+    workers: Annotated[int, typer.Option(min=0, help="Processes that make batches ahead.")] = 0,
+    json: Json = False,
+) -> None:
+    """Train a network: checkpoint, training.toml, curve.png, model.onnx and metrics.json in --out.
+
+    Killed at any moment and run again with --resume it ends with the same bits. On several
+    processes: torchrun --nproc-per-node 2 -m torchradiometry train ...
+
+    Example: torchradiometry train photometric --steps 1500 --out photometric-training
+    """
+    report = torchradiometry.demo.train_folder(
+        kind.value,
+        out or Path(f"{kind.value}-training"),
+        config=config,
+        steps=steps,
+        seed=seed,
+        bfloat16=bfloat16,
+        resume=resume,
+        data=data,
+        device=device,
+        threads=threads,
+        workers=workers,
+    )
+    if report:  # one of several processes writes and reports
+        sentence = f"{report['out']}: {report['degrees']:.2f} degrees on its last batches"
+        _print_report(report, json, f"{sentence} ({report['seconds']:.0f} s).")
+
+
+@app.command()
+def dataset(
+    kind: KindArgument,
+    out: Out,
+    count: Annotated[int, typer.Option(min=1, help="How many batches.", show_default=False)],
+    seed: Seed = None,
+    config: Config = None,
+    threads: Threads = 1,
+    json: Json = False,
+) -> None:
+    """Write the training batches of a seed to disk; run again it goes on where it was.
+
+    Example: torchradiometry dataset shading --out shading-data --count 400 --seed 1
+    """
+    report = torchradiometry.demo.dataset_folder(
+        kind.value, out, count, seed=seed, config=config, threads=threads
+    )
+    sentence = f"{report['out']}: {report['count']} batches, {report['bytes']:,} bytes."
+    _print_report(report, json, sentence)
+
+
+@app.command()
+def evaluate(
+    kind: KindArgument,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="One object, or a folder of them.")],
+    model: Model = None,
+    control: Annotated[Path | None, typer.Option(help="Shading: model shown the outlines.")] = None,
+    lights: Annotated[int, typer.Option(min=3, help="Photometric: lights in a draw.")] = 10,
+    draws: Annotated[int, typer.Option(min=0, help="Photometric: draws of each object.")] = 5,
+    table: Annotated[Path | None, typer.Option(help="A .csv file for every figure.")] = None,
+    published: Annotated[Path | None, typer.Option(help="CSV of rows to show beside.")] = None,
+    json: Json = False,
+) -> None:
+    """How far a model is from the true normals of real objects, by the benchmark's own measure.
+
+    Photometric: folders as `normals` takes them, with Normal_gt.mat or normal_gt.npy; mean angle.
+    Shading: folders with diffuse.png (linear), mask.png and geometry.npz (Z); N-MAE.
+
+    Example: torchradiometry evaluate photometric diligent/ --published diligent96.csv
+    """
+    found = torchradiometry.demo.run_benchmark(
+        kind.value,
+        folder,
+        model=model,
+        control=control,
+        lights=lights,
+        draws=draws,
+        table=table,
+        published=published,
+    )
+    _print_report(found.report, json, found.table)
+
+
+@app.command()
+def calibrate(
+    photographs: Annotated[
+        list[Path], typer.Argument(metavar="PHOTOGRAPHS...", help="Files, or one folder of them.")
+    ],
+    out: Out,
+    times: Annotated[
+        str | None, typer.Option(help="Exposure times, s, such as 1/250,1/60,0.1 [default: EXIF].")
+    ] = None,
+    response: Annotated[Response | None, typer.Option(help="What the counts mean.")] = None,
+    light: Annotated[
+        str | None, typer.Option(help="Intensity of the light to divide by, or its red,green,blue.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Linear radiance (.npy, .exr, .hdr) from a photograph, or from several exposures of a scene.
+
+    One photograph is linearised from sRGB. Exposures are merged: the camera's response is found
+    from 8-bit files (Debevec), 16-bit files are taken as linear. It says which it did.
+
+    Example: torchradiometry calibrate stack/ --times 1/250,1/60,1/15 --out scene.exr
+    """
+    deploy = torchradiometry.deploy
+    chosen = None if response is None else getattr(deploy, f"{response.value}_response")
+    report = deploy.calibrate_files(
+        photographs,
+        out,
+        times=None if times is None else _numbers("--times", times),
+        response=chosen,
+        light=None if light is None else _numbers("--light", light),
+    )
+    _print_report(report, json, f"{report['out']}: {report['radiometry']}.")
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    """`1/250,0.1` as numbers."""
+    try:
+        return [float(Fraction(part.strip())) for part in text.split(",")]
+    except (ValueError, ZeroDivisionError) as error:
+        raise typer.BadParameter(f"{option}: write numbers such as 1/250,0.1") from error
+
+
 def main() -> None:
     """Run the command line; a named error is one sentence and exit code 2."""
     try:
@@ -216,9 +385,6 @@ def main() -> None:
     except RadiometryError as error:
         typer.echo(f"torchradiometry: {error}", err=True)
         sys.exit(2)
-    except KeyboardInterrupt:
-        typer.echo("torchradiometry: interrupted.", err=True)
-        sys.exit(130)
 
 
 if __name__ == "__main__":

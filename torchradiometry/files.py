@@ -39,9 +39,11 @@ __all__ = [
     "MAX_PIXELS",
     "PICTURE_ENDINGS",
     "atomic_path",
+    "check_folder_place",
     "check_readable",
     "decode_picture",
     "linear_to_srgb",
+    "opencv",
     "read_counts",
     "read_picture",
     "srgb_to_linear",
@@ -72,6 +74,18 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_folder_place(folder: str | Path, what: str) -> Path:
+    """The path, if a folder is there or can be made there; otherwise a named error."""
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputFileError(str(folder), "a file", f"name a folder for the {what}")
+    if not folder.absolute().parent.is_dir():
+        raise InputFileError(
+            str(folder), "a folder that does not exist around it", f"create {folder.parent}"
+        )
+    return folder
 
 
 def _umask() -> int:
@@ -130,7 +144,7 @@ def decode_picture(data: bytes, where: str) -> NDArray[np.float32]:
         raise FileFormatError(where, "a picture that is neither PNG nor JPEG", "convert it to PNG")
     _check_pixels(where, size[0] * size[1])
     try:
-        pixels = _opencv().imdecode(np.frombuffer(data, np.uint8), _opencv().IMREAD_UNCHANGED)
+        pixels = opencv().imdecode(np.frombuffer(data, np.uint8), opencv().IMREAD_UNCHANGED)
     except MissingDependencyError:
         raise
     except Exception as error:
@@ -178,7 +192,7 @@ def read_counts(path: str | Path) -> NDArray:
     try:
         if path.suffix.lower() == ".exr":
             return _read_exr(path)
-        pixels = _opencv().imread(str(path), _opencv().IMREAD_UNCHANGED)
+        pixels = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
     except (MissingDependencyError, ResourceLimitError):
         raise
     except Exception as error:
@@ -192,7 +206,7 @@ def write_counts(path: str | Path, counts: NDArray[np.unsignedinteger]) -> Path:
     """Write `H x W (x 3)` uint8 or uint16 RGB as it is to a `.png`, atomically."""
     path = Path(path)
     with atomic_path(path) as temporary:
-        if not _opencv().imwrite(str(temporary), counts[..., ::-1] if counts.ndim == 3 else counts):
+        if not opencv().imwrite(str(temporary), counts[..., ::-1] if counts.ndim == 3 else counts):
             raise FileFormatError(str(path), "a picture OpenCV cannot write", "use .png")
     return path
 
@@ -252,7 +266,7 @@ def write_picture(
             _write_exr(temporary, pixels)
         else:
             stored = _tone_mapped(pixels, exposure) if ending == ".png" else pixels
-            if not _opencv().imwrite(str(temporary), stored[..., ::-1]):
+            if not opencv().imwrite(str(temporary), stored[..., ::-1]):
                 raise FileFormatError(str(path), "a picture OpenCV cannot write", "try .npy")
     return path
 
@@ -271,7 +285,8 @@ def _tone_mapped(pixels: NDArray[np.float32], exposure: float | None) -> NDArray
     return np.round(255 * linear_to_srgb(pixels * exposure)).astype(np.uint8)
 
 
-def _opencv():  # type: ignore[no-untyped-def]
+def opencv():  # type: ignore[no-untyped-def]
+    """The module cv2, bounded and silent; only this file imports it."""
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))  # before any decoding
     try:
         import cv2

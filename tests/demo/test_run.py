@@ -14,7 +14,7 @@ from torchradiometry.demo import network, run_demo
 from torchradiometry.errors import InputFileError
 from torchradiometry.files import write_picture
 from torchradiometry.learn.data import SurfaceOptions
-from torchradiometry.learn.training import PhotometricTraining
+from torchradiometry.learn.settings import PhotometricTraining
 
 TINY = PhotometricTraining(
     steps=4, surfaces=SurfaceOptions(shapes=2, pixels=40, lights=12, size=24), features=16, depth=1

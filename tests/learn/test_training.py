@@ -27,7 +27,7 @@ PHOTOMETRIC = PhotometricTraining(
     depth=1,
     checkpoint_every=4,
 )
-SHADING = ShadingTraining(steps=6, images=2, size=24, features=8, checkpoint_every=2)
+SHADING = ShadingTraining(steps=6, images=2, size=24, shapes=5, features=8, checkpoint_every=2)
 
 
 @pytest.mark.parametrize("training", [PHOTOMETRIC, SHADING])

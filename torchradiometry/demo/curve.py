@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
 
 from torchradiometry.errors import MissingDependencyError
@@ -11,19 +12,21 @@ from torchradiometry.files import atomic_path
 __all__ = ["draw_learning_curve", "sample_photograph"]
 
 
-def draw_learning_curve(path: Path, degrees: Sequence[float]) -> None:
-    """Mean angle over training steps, raw and smoothed."""
+def draw_learning_curve(path: Path, losses: Sequence[float], degrees: Sequence[float]) -> None:
+    """Loss and mean angle over training steps, raw and smoothed."""
     _matplotlib()
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    window = max(1, len(degrees) // 40)
-    smooth = [sum(degrees[k : k + window]) / window for k in range(len(degrees) - window + 1)]
-    axes.plot(range(1, len(degrees) + 1), degrees, color="0.75", linewidth=0.7, label="each step")
-    axes.plot([k + window / 2 for k in range(len(smooth))], smooth, label=f"mean of {window}")
-    axes.set(xlabel="step", ylabel="degrees", ylim=(0, None))
-    axes.legend(frameon=False)
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for axes, values, name in zip(panels, (losses, degrees), ("loss", "degrees"), strict=True):
+        window = max(1, len(values) // 40)
+        sums = list(accumulate(values, initial=0.0))
+        smooth = [(b - a) / window for a, b in zip(sums, sums[window:], strict=False)]
+        axes.plot(range(1, len(values) + 1), values, color="0.75", linewidth=0.7, label="each step")
+        axes.plot([k + window / 2 for k in range(len(smooth))], smooth, label=f"mean of {window}")
+        axes.set(xlabel="step", ylabel=name, ylim=(0, None))
+    panels[1].legend(frameon=False)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110)
 

@@ -7,24 +7,21 @@ training step gives them new materials, lights and a new camera (`learn.images`)
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 
 from torchradiometry.demo.curve import draw_learning_curve
 from torchradiometry.demo.page import Figure, Section, Table
 from torchradiometry.demo.progress import progress_bar
-from torchradiometry.export.onnx_file import export_onnx
-from torchradiometry.export.parity import OnnxCheck, check_onnx
+from torchradiometry.demo.trainer import export_network, torch_threads
+from torchradiometry.export.parity import OnnxCheck
 from torchradiometry.files import write_picture
 from torchradiometry.learn.data import SurfaceOptions, generator_for
-from torchradiometry.learn.networks import PhotometricNetwork
+from torchradiometry.learn.settings import PhotometricTraining
 from torchradiometry.learn.single_images import photograph_shapes
-from torchradiometry.learn.training import PhotometricTraining, Trained, train
+from torchradiometry.learn.training import Trained, train
 
 __all__ = ["TrainedModel", "demo_training", "train_and_export"]
 
@@ -52,35 +49,13 @@ def train_and_export(folder: Path, fast: bool) -> TrainedModel:
             ("Shading training surfaces", training.surfaces.shapes),
             ("Training the network", training.steps),
         ) as (surfaces, steps),
-        _one_thread(),
+        torch_threads(1),
     ):
         trained = train(training, steps, surfaces_advance=surfaces)
-    draw_learning_curve(folder / "learning-curve.png", trained.degrees)
-    assert isinstance(trained.network, PhotometricNetwork)
-    model = export_photometric(trained.network, folder / "photometric.onnx")
-    check = check_onnx(model, trained.network, sizes={"pixel": 100, "light": 17})
+    draw_learning_curve(folder / "learning-curve.png", trained.losses, trained.degrees)
+    model = folder / "photometric.onnx"
+    check = export_network(trained.network, model)
     return TrainedModel((pictures, _learning(training, trained), _exported(model, check)), model)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Small tensors gain little from two threads, which wait for each other on a busy machine."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-def export_photometric(network: PhotometricNetwork, path: Path) -> Path:
-    """The network as ONNX with dynamic pixel and light axes."""
-    example = {
-        "intensity": torch.rand(8, 12, generator=torch.Generator().manual_seed(0)),
-        "direction": torch.nn.functional.normalize(torch.eye(3).repeat(4, 1) + 0.3, dim=-1),
-    }
-    axes = {"intensity": ("pixel", "light"), "direction": ("light", "3")}
-    return export_onnx(network, example, path, axes=axes, outputs={"normal": "1"})
 
 
 def _training_pictures(folder: Path) -> Section:
@@ -116,7 +91,7 @@ def _learning(training: PhotometricTraining, trained: Trained) -> Section:
         f"A network of {parameters:,} parameters looks at one pixel under any number of lights "
         f"and answers its normal. {training.steps} steps took {trained.seconds:.0f} s.",
     )
-    figures = (Figure("learning-curve.png", "Mean angle on each new synthetic batch."),)
+    figures = (Figure("learning-curve.png", "Loss and mean angle on each new synthetic batch."),)
     data = {"steps": training.steps, "seconds": trained.seconds, "degrees": degrees}
     table = Table(
         ("synthetic error, mean of the last tenth of the steps", "degrees"),

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
-from torchradiometry.errors import InputFileError
+from torchradiometry.files import check_folder_place
 
 __all__ = ["Figure", "Section", "Table", "staged_folder", "write_page"]
 
@@ -65,12 +65,7 @@ def staged_folder(target: Path) -> Iterator[Path]:
 
     Files of `target` that the new page does not replace stay where they are.
     """
-    if target.exists() and not target.is_dir():
-        raise InputFileError(str(target), "a file", "name a folder for the page")
-    if not target.absolute().parent.is_dir():
-        raise InputFileError(
-            str(target), "a folder that does not exist around it", f"create {target.parent}"
-        )
+    check_folder_place(target, "page")
     stage = Path(tempfile.mkdtemp(prefix=".", suffix=".tmp", dir=target.absolute().parent))
     try:
         yield stage

@@ -138,6 +138,7 @@ def normals_file(
     *,
     mask: str | Path | None = None,
     model: str | Path | None = None,
+    linear: bool = False,
 ) -> dict[str, object]:
     """Read photographs, estimate normals, write them, and report: the `normals` command.
 
@@ -146,22 +147,25 @@ def normals_file(
         out: `.npy` or `.png`.
         mask: of the one image.
         model: an ONNX file; by default the shipped one.
+        linear: the one image holds linear counts, not sRGB.
 
     Returns:
-        `out`, `seconds`, `pixels`, `lights`, and `degrees` where a true answer is known.
+        `out`, `seconds`, `pixels`, `radiometry` (what was done to the stored counts), `lights`,
+        and `degrees` where a true answer is known.
 
     Raises:
         InputFileError: a missing file, folder or mask.
     """
     check_normals_path(out)
     began = time.perf_counter()
-    photographs = _read(Path(source), mask)
+    photographs = _read(Path(source), mask, linear)
     normals = estimate_normals(photographs, model)
     write_normals(out, normals)
     report: dict[str, object] = {
         "out": str(out),
         "seconds": time.perf_counter() - began,
         "pixels": int(photographs.mask.sum()),
+        "radiometry": photographs.radiometry,
     }
     if isinstance(photographs, Photographs):
         report["lights"] = len(photographs.light_directions)
@@ -171,7 +175,7 @@ def normals_file(
     return report
 
 
-def _read(source: Path, mask: str | Path | None) -> Photographs | Photograph:
+def _read(source: Path, mask: str | Path | None, linear: bool) -> Photographs | Photograph:
     if not source.exists():
         raise InputFileError(str(source), "no such file or folder", "name photographs")
     if source.is_dir():
@@ -182,7 +186,7 @@ def _read(source: Path, mask: str | Path | None) -> Photographs | Photograph:
         return read_photographs(sets[0])
     if mask is None:
         raise InputFileError(str(source), "no mask", "pass --mask, white on the object")
-    return read_photograph(source, mask)
+    return read_photograph(source, mask, linear=linear)
 
 
 def _opened(model: str | Path | None, name: str, wanted: set[str]) -> Model:

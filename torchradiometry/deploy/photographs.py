@@ -69,6 +69,7 @@ class Photographs:
         light_directions: `N 3`, unit, x right, y up, z to the camera.
         ground_truth: `H W 3` unit normals, or None.
         name: the folder's name.
+        radiometry: what was done to the stored counts, in words.
     """
 
     images: NDArray[np.float32]
@@ -76,6 +77,7 @@ class Photographs:
     light_directions: NDArray[np.float32]
     ground_truth: NDArray[np.float32] | None
     name: str
+    radiometry: str = "as given"
 
     def grey(self) -> NDArray[np.float32]:
         """Luminance of the pixels in the mask, `pixel N` (weights of ITU-R BT.601)."""
@@ -90,6 +92,7 @@ class Photographs:
             self.light_directions[kept],
             self.ground_truth,
             self.name,
+            self.radiometry,
         )
 
 
@@ -101,11 +104,13 @@ class Photograph:
         image: `H W 3`, float32, linear.
         mask: `H W`, True on the object.
         name: the file's name.
+        radiometry: what was done to the stored counts, in words.
     """
 
     image: NDArray[np.float32]
     mask: NDArray[np.bool_]
     name: str
+    radiometry: str = "as given"
 
 
 def grey(rgb: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -170,13 +175,20 @@ def read_photographs(folder: str | Path) -> Photographs:
         raise OutOfRangeError(
             str(folder / "light_intensities.txt"), "a value <= 0", "intensities are positive"
         )
-    images = _read_images(files, mask, intensities)
+    images, stored = _read_images(files, mask, intensities)
     truth = _read_ground_truth(folder, mask.shape)
-    return Photographs(images, mask, directions.astype(np.float32), truth, folder.name)
+    lights = directions.astype(np.float32)
+    done = f"{stored} taken as linear, divided by light_intensities.txt"
+    return Photographs(images, mask, lights, truth, folder.name, done)
 
 
-def read_photograph(path: str | Path, mask: str | Path) -> Photograph:
+def read_photograph(path: str | Path, mask: str | Path, *, linear: bool = False) -> Photograph:
     """Read one photograph and its mask; 8- and 16-bit files are taken as sRGB and linearised.
+
+    Args:
+        path: of the photograph; float files (`calibrate` writes them) are linear already.
+        mask: white on the object.
+        linear: take counts as proportional to radiance.
 
     Raises:
         InputFileError: a missing file.
@@ -186,14 +198,13 @@ def read_photograph(path: str | Path, mask: str | Path) -> Photograph:
     path = Path(path)
     inside = _read_mask(Path(mask))
     counts = _rgb(read_counts(path), path)
-    if counts.dtype.kind == "u":
-        linear = srgb_to_linear(counts / np.iinfo(counts.dtype).max)
-    else:
-        linear = counts
+    encoded = counts.dtype.kind == "u" and not linear
+    light = srgb_to_linear(counts / np.iinfo(counts.dtype).max) if encoded else _linear(counts)
     _same_size(path, counts.shape[:2], inside.shape)
-    image = np.asarray(linear, dtype=np.float32)
+    image = np.asarray(light, dtype=np.float32)
     _finite(path, image)
-    return Photograph(image, inside, path.name)
+    done = "linearised from sRGB" if encoded else f"{_stored(counts.dtype)} taken as linear"
+    return Photograph(image, inside, path.name, done)
 
 
 def _existing_folder(folder: str | Path) -> Path:
@@ -260,7 +271,8 @@ def _unit_directions(directions: NDArray[np.float64], path: Path) -> NDArray[np.
 
 def _read_images(
     files: list[Path], mask: NDArray[np.bool_], intensities: NDArray[np.float64]
-) -> NDArray[np.float32]:
+) -> tuple[NDArray[np.float32], str]:
+    """Images per unit of light, and in words what was stored."""
     needed = len(files) * mask.size * 12
     if needed > MAX_SET_BYTES:
         raise ResourceLimitError(
@@ -269,12 +281,18 @@ def _read_images(
             f"crop or shrink them to at most {MAX_SET_BYTES} bytes",
         )
     images = np.empty((len(files), *mask.shape, 3), dtype=np.float32)
+    stored = set()
     for image, path, intensity in zip(images, files, intensities, strict=True):
         counts = _rgb(read_counts(path), path)
         _same_size(path, counts.shape[:2], mask.shape)
         image[:] = _linear(counts) / intensity.astype(np.float32)
+        stored.add(_stored(counts.dtype))
         _finite(path, image)
-    return images
+    return images, " and ".join(sorted(stored))
+
+
+def _stored(dtype: np.dtype) -> str:
+    return f"{8 * dtype.itemsize}-bit counts" if dtype.kind == "u" else "float values"
 
 
 def _linear(counts: NDArray) -> NDArray[np.float32]:

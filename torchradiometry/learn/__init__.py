@@ -1,5 +1,17 @@
 """SHAPE FROM SHADING: random shapes shaded by the layers, networks, losses, training."""
 
+from torchradiometry.learn.benchmarks import (
+    SingleEvaluation,
+    drawn_lights,
+    evaluate_draws,
+    evaluate_single,
+    evaluate_singles,
+    find_objects,
+    geometric_mean,
+    photometric_benchmark,
+    surface_normals,
+)
+from torchradiometry.learn.checkpoints import load_checkpoint
 from torchradiometry.learn.data import (
     PhotometricSamples,
     ShadingSamples,
@@ -25,6 +37,9 @@ from torchradiometry.learn.networks import (
     relative_to_mean,
     robust_normals,
 )
+from torchradiometry.learn.processes import Processes, joined_processes
+from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining
+from torchradiometry.learn.settings_file import read_training, write_training
 from torchradiometry.learn.shapes import Shapes, height_to_normals, random_shapes
 from torchradiometry.learn.single_images import (
     ShapeBank,
@@ -33,37 +48,43 @@ from torchradiometry.learn.single_images import (
     photograph_shapes,
     shape_bank,
 )
-from torchradiometry.learn.training import (
-    PhotometricTraining,
-    ShadingTraining,
-    Trained,
-    load_checkpoint,
-    train,
-)
+from torchradiometry.learn.stored_samples import StoredSamples, write_samples
+from torchradiometry.learn.training import Machine, Trained, train
 
 __all__ = [
     "Evaluation",
+    "Machine",
     "Materials",
     "Observations",
     "PhotometricNetwork",
     "PhotometricSamples",
     "PhotometricTraining",
+    "Processes",
     "ShadingNetwork",
     "ShadingSamples",
     "ShadingTraining",
     "ShapeBank",
     "Shapes",
+    "SingleEvaluation",
     "SingleImages",
+    "StoredSamples",
     "SurfaceBank",
     "SurfaceOptions",
     "Trained",
     "albedo_loss",
     "angle_degrees",
     "chord_loss",
+    "drawn_lights",
     "evaluate",
+    "evaluate_draws",
     "evaluate_folder",
+    "evaluate_single",
+    "evaluate_singles",
+    "find_objects",
+    "geometric_mean",
     "height_to_normals",
     "integrability_loss",
+    "joined_processes",
     "least_squares",
     "load_checkpoint",
     "make_bank",
@@ -73,12 +94,17 @@ __all__ = [
     "observe",
     "photograph",
     "photograph_shapes",
+    "photometric_benchmark",
     "random_lights",
     "random_materials",
     "random_shapes",
+    "read_training",
     "relative_to_mean",
     "rendering_loss",
     "robust_normals",
     "shape_bank",
+    "surface_normals",
     "train",
+    "write_samples",
+    "write_training",
 ]

@@ -40,6 +40,7 @@ class Evaluation(NamedTuple):
         median: median angle of the model, degrees.
         least_squares: mean angle of Woodham's method, degrees.
         seconds: of the model.
+        seed: of the draw of lights; None where they were chosen or all.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Evaluation(NamedTuple):
     median: float
     least_squares: float
     seconds: float
+    seed: int | None = None
 
 
 def evaluate(photographs: Photographs, model: str | Path | None = None) -> Evaluation:
