@@ -140,7 +140,9 @@ def test_dataset_then_train_then_evaluate(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("torchradiometry.demo.trainer.export_network", touch)
-    (tmp_path / "t.toml").write_text('kind = "shading"\nimages = 2\nsize = 24\nshapes = 5\nfeatures = 8\n')
+    (tmp_path / "t.toml").write_text(
+        'kind = "shading"\nimages = 2\nsize = 24\nshapes = 5\nfeatures = 8\n'
+    )
     common = ("shading", "--config", tmp_path / "t.toml", "--seed", 5, "--json")
     data, trained = tmp_path / "data", tmp_path / "trained"
     code, out, _ = run(capsys, "dataset", *common, "--count", 2, "--out", data)

@@ -3,9 +3,9 @@
     L = (T(mu_i) T(mu_o) f_base + f_coat + f_sheen) mu_i V  +  rho/pi E_ind,    wo = (0, 0, 1)
 
 under one distant light at a time: a rough matt base (`OrenNayar`) under two glossy coats
-(`Microfacet`), with the bank's shadows. What a coat reflects at grazing angles is missing below it,
-Schlick's T(mu) = 1 - v (1 - mu)^5 on the way in and out. The indirect irradiance is the bank's single bounce E_1
-times the series of further bounces between neighbours of albedo rho',
+(`Microfacet`), with the bank's shadows. What a coat reflects at grazing angles is missing below
+it, Schlick's T(mu) = 1 - v (1 - mu)^5 on the way in and out. The indirect irradiance is the bank's
+single bounce E_1 times the series of further bounces between neighbours of albedo rho',
 
     E_ind = rho' E_1 (1 + a rho' + (a rho')^2 + ...) = rho' E_1 / (1 - a rho'),
 

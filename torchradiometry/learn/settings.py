@@ -117,9 +117,7 @@ class ShadingTraining:
     def samples(self, advance: Advance | None = None) -> ShadingSamples:
         """The batches of this seed; making the shapes is the long part."""
         bank = make_shapes(self.shapes, self.size, self.seed, advance)
-        return ShadingSamples(
-            bank, self.steps, self.seed, self.images, self.shadows, self.outline
-        )
+        return ShadingSamples(bank, self.steps, self.seed, self.images, self.shadows, self.outline)
 
     def surfaces_made(self) -> int:
         """How many surfaces `samples` makes before the first batch."""

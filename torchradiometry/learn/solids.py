@@ -25,28 +25,23 @@ def limbs(size: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     x, y = grid(size, size)
     count = int(torch.randint(2, 11, (), generator=generator))
     ends, radii = [torch.zeros(3)], [float(uniform(generator, 0.15, 0.32))]
-    starts, stops, thick, thin = [], [], [], []
+    limb: list[Tensor] = []
     for k in range(count):
         root = int(torch.randint(0, len(ends), (), generator=generator)) if k else 0
         start, wide = ends[root], radii[root]
         angle = 2 * math.pi * float(uniform(generator, 0, 1))
         length = float(uniform(generator, 0.1, 0.38))
-        away = torch.tensor(
-            [math.cos(angle), math.sin(angle), float(uniform(generator, -0.6, 0.6))]
-        )
+        rise = float(uniform(generator, -0.6, 0.6))
+        stop = start + length * torch.tensor([math.cos(angle), math.sin(angle), rise])
         narrow = wide * float(uniform(generator, 0.45, 1.1))
-        stop = start + length * away
-        for kept, value in zip(
-            (starts, stops, thick, thin), (start, stop, wide, narrow), strict=True
-        ):
-            kept.append(torch.as_tensor(value))
+        limb.append(torch.cat([start, stop, torch.tensor([wide, narrow])]))
         ends.append(stop)
         radii.append(narrow)
-    middle = (torch.stack(starts) + torch.stack(stops)).mean(0) / 2
-    reach = torch.stack([*starts, *stops]).sub(middle)[:, :2].abs().max() + max(radii)
+    start, stop, radius = torch.stack(limb).split((3, 3, 2), -1)
+    middle = (start + stop).mean(0) / 2
+    reach = torch.cat([start, stop]).sub(middle)[:, :2].abs().max() + max(radii)
     scale = float(uniform(generator, 0.34, 0.47)) / float(reach) * size
-    a, b = ((torch.stack(p) - middle) * scale for p in (starts, stops))
-    r, s = (torch.stack(p) * scale for p in (thick, thin))
+    a, b, (r, s) = (start - middle) * scale, (stop - middle) * scale, (radius * scale).unbind(-1)
     top, room = _capsules(x, y, a, b, r, s)
     inside = (room > 0).any(0)
     soft = float(2 ** uniform(generator, -2.5, 1.5)) * 64 / size
