@@ -19,6 +19,8 @@ from tests.benchmarks.photographs import (
     sphere_normals,
 )
 from torchradiometry.deploy import Photographs, read_photographs
+from torchradiometry.learn import read_training
+from torchradiometry.learn.settings import kind_of
 
 SHIPPED = sorted(path.parent for path in MODELS.glob("*/model.onnx"))
 #: what two processors and two versions of onnxruntime may differ by, degrees, and the rounding
@@ -78,10 +80,15 @@ def test_metrics_describe_the_file_beside_them(folder: Path) -> None:
 
 @pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
 def test_the_command_of_a_card_writes_this_model(folder: Path) -> None:
-    (command,) = re.findall(r"```python\n(.*?)```", (folder / "card.md").read_text(), re.DOTALL)
-    compile(command, folder.name, "exec")
-    assert f'"models/{folder.name}/model.onnx"' in command
-    assert "torch.set_num_threads(1)" in command
+    (command,) = re.findall(r"```bash\n(.*?)```", (folder / "card.md").read_text(), re.DOTALL)
+    train, copy = command.strip().splitlines()
+    settings, made = f"models/{folder.name}/training.toml", f"{folder.name}-training"
+    assert train == f"torchradiometry train {folder.name} --config {settings} --out {made}"
+    assert copy == f"cp {made}/model.onnx models/{folder.name}/"
+    training = read_training(folder / "training.toml")
+    assert kind_of(training) == folder.name
+    parameters = sum(p.numel() for p in training.network().parameters())
+    assert parameters == metrics(folder)["parameters"]
 
 
 def test_photometric_model_is_better_than_no_model(ball: Photographs) -> None:

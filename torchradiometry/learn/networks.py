@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, final
 
 import torch
 from torch import Tensor, nn
+from torch._higher_order_ops.while_loop import while_loop
 
 from torchradiometry.numerics import (
     guarded_divide,
@@ -101,22 +102,32 @@ def robust_normals(
         lights contradict each other the rounds multiply rounding a thousandfold.
 
     Differentiable in: both.
-    Export: compile yes, ONNX yes.
+    Export: compile yes, ONNX yes, as a `Loop`.
     References: Holland and Welsch (1977).
     """
     values, light = wide(intensity, direction)
-    found = least_squares(values, light)
-    for _ in range(rounds):
+    products, across = _products(light), light.mT.clone()
+
+    def refined(found: Tensor) -> Tensor:
         level = safe_norm(found).unsqueeze(-1)
-        expected = found @ light.mT
+        expected = found @ across
         missed = guarded_divide(values - expected, level) / OUTLIER
         lit = torch.sigmoid((guarded_divide(expected, level) - GRAZING) * STEEP)
         weight = lit / (1 + missed * missed) + RIDGE
-        gram = (weight @ _products(light)).unflatten(-1, (3, 3))
+        gram = (weight @ products).unflatten(-1, (3, 3))
         ridge = RIDGE * weight.sum(-1)[..., None, None]
         gram = gram + ridge * torch.eye(3, dtype=gram.dtype, device=gram.device)
         aim = (weight * values) @ light
-        found = (_inverse(gram) @ aim.unsqueeze(-1)).squeeze(-1)
+        return (_inverse(gram) @ aim.unsqueeze(-1)).squeeze(-1)
+
+    found = least_squares(values, light)
+    if torch.compiler.is_exporting():  # one round in the graph instead of all of them
+        count = torch.zeros((), dtype=torch.int64, device=found.device)
+        state = (count, found.contiguous())
+        _, found = while_loop(lambda k, _: k < rounds, lambda k, b: (k + 1, refined(b)), state)
+    else:
+        for _ in range(rounds):
+            found = refined(found)
     return found.to(intensity.dtype)
 
 
@@ -127,15 +138,18 @@ def _products(direction: Tensor) -> Tensor:
 
 def _inverse(m: Tensor) -> Tensor:
     """Inverse of symmetric positive definite `*batch 3 3` by cross products of its rows."""
-    a, b, c = m[..., 0, :], m[..., 1, :], m[..., 2, :]
-    bc, ca, ab = _cross(b, c), _cross(c, a), _cross(a, b)
-    determinant = (a * bc).sum(-1)[..., None, None]
-    return torch.stack([bc, ca, ab], -1) / determinant
+    adjoint = _cross(_rolled(m.mT, 1).mT, _rolled(m.mT, 2).mT)
+    determinant = (m[..., :1, :] * adjoint[..., :1, :]).sum(-1, keepdim=True)
+    return adjoint.mT / determinant
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:
-    (ax, ay, az), (bx, by, bz) = a.unbind(-1), b.unbind(-1)
-    return torch.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+    return _rolled(a, 1) * _rolled(b, 2) - _rolled(a, 2) * _rolled(b, 1)
+
+
+def _rolled(v: Tensor, by: int) -> Tensor:
+    """Components (x, y, z) of the last axis as (y, z, x) for 1, (z, x, y) for 2."""
+    return torch.cat([v[..., by:], v[..., :by]], -1)
 
 
 def observation_map(
