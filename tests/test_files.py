@@ -116,3 +116,14 @@ def test_a_picture_that_claims_to_be_huge_is_refused_before_decoding(tmp_path: P
     np.lib.format.open_memmap(tmp_path / "a.npy", "w+", np.uint8, (2**27 + 1,)).flush()
     with pytest.raises(errors.ResourceLimitError, match="pixels"):
         files.read_picture(tmp_path / "a.npy")
+
+
+def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -> None:
+    kept = ["notes.txt", ".hidden", "a.tmp", ".short.tmp"]
+    for name in kept:
+        (tmp_path / name).touch()
+    with files.atomic_path(tmp_path / "model.onnx") as temporary:
+        name = temporary.name
+    (tmp_path / name).write_bytes(b"half")  # as if it had been killed inside the block
+    files.clear_half_files(tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*kept, "model.onnx"])

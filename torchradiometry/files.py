@@ -41,6 +41,7 @@ __all__ = [
     "atomic_path",
     "check_folder_place",
     "check_readable",
+    "clear_half_files",
     "decode_picture",
     "linear_to_srgb",
     "opencv",
@@ -74,6 +75,12 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def clear_half_files(folder: str | Path) -> None:
+    """Delete what `atomic_path` left in a folder when its process was killed outright."""
+    for path in Path(folder).glob(".????????.tmp*"):
+        path.unlink(missing_ok=True)
 
 
 def check_folder_place(folder: str | Path, what: str) -> Path:

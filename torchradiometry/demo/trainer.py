@@ -29,7 +29,7 @@ from torchradiometry.demo.progress import progress_bar
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
 from torchradiometry.export.onnx_file import export_onnx, input_names
 from torchradiometry.export.parity import OnnxCheck, check_onnx
-from torchradiometry.files import atomic_path, check_folder_place
+from torchradiometry.files import atomic_path, check_folder_place, clear_half_files
 from torchradiometry.learn.data import generator_for
 from torchradiometry.learn.networks import PhotometricNetwork
 from torchradiometry.learn.processes import joined_processes, started_together
@@ -215,6 +215,7 @@ def _prepare(out: Path, training: Training, resume: bool) -> None:
             str(out), "a training that is there already", "pass --resume or another --out"
         )
     out.mkdir(exist_ok=True)
+    clear_half_files(out)
     if not (out / CHECKPOINT).exists():
         write_training(out / SETTINGS, training)
 

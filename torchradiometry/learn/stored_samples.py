@@ -25,7 +25,7 @@ from torchradiometry.errors import (
     IndexRangeError,
     InputFileError,
 )
-from torchradiometry.files import atomic_path, check_folder_place, check_readable
+from torchradiometry.files import atomic_path, check_folder_place, check_readable, clear_half_files
 from torchradiometry.learn.data import Advance
 from torchradiometry.learn.images import Observations
 from torchradiometry.learn.settings import Training
@@ -130,6 +130,7 @@ def _prepared(folder: Path, training: Training) -> Training:
             )
         training = replace(training, steps=max(held.steps, training.steps))
     folder.mkdir(exist_ok=True)
+    clear_half_files(folder)
     manifest = {"layout": LAYOUT, "training": training_table(training)}
     with atomic_path(folder / "manifest.json") as temporary:
         temporary.write_text(json.dumps(manifest, indent=2) + "\n")
