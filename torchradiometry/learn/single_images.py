@@ -195,7 +195,8 @@ def _exposed(radiance: Tensor, mask: Tensor, generator: torch.Generator) -> Tens
     """Most of it scaled into 0..1, the brightest cut off, with a little noise."""
     images = len(radiance)
     inside = torch.where(mask > 0, radiance, torch.nan).flatten(1)
-    bright = torch.nanquantile(inside, 0.98, dim=1).nan_to_num(1.0).clamp(min=1e-6)
+    bright = torch.nanquantile(inside, 0.98, dim=1)
+    bright = torch.where(bright > 0, bright, 1)  # also where nothing is seen
     stops = torch.rand(images, generator=generator) - 0.8
     exposed = radiance * (2**stops / bright).reshape(-1, 1, 1, 1)
     noise = torch.randn(exposed.shape, generator=generator) * 0.01

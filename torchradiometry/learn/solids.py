@@ -17,6 +17,8 @@ import math
 import torch
 from torch import Tensor
 
+from torchradiometry.numerics import guarded_divide
+
 __all__ = ["lathe", "limbs", "sheets", "stones"]
 
 
@@ -55,8 +57,7 @@ def _capsules(
     """Heights of tapered capsules from a to b with radii r to s, and r(t)^2 - d^2."""
     ax, ay, az = (c[:, None, None] for c in a.unbind(-1))
     dx, dy, dz = (c[:, None, None] for c in (b - a).unbind(-1))
-    flat = (dx * dx + dy * dy).clamp(min=1e-6)
-    t = (((x - ax) * dx + (y - ay) * dy) / flat).clamp(0, 1)
+    t = guarded_divide((x - ax) * dx + (y - ay) * dy, dx * dx + dy * dy).clamp(0, 1)
     squared = (x - ax - t * dx) ** 2 + (y - ay - t * dy) ** 2
     radius = r[:, None, None] + t * (s - r)[:, None, None]
     room = radius * radius - squared
