@@ -1,8 +1,10 @@
 """Pictures by a path tracer, to measure ours against: `python -m tests.benchmarks.references`.
 
-Mitsuba renders the standard scenes, and further ones on which nothing was tuned
-(`further_scenes`), 96 x 72 pixels. Each picture is a sum of many renders, kept in two halves;
-its own noise is what the halves differ by, and a run can be broken off and continued:
+Mitsuba renders the standard scenes, further ones (`further_scenes`) and those of a blind test
+(`blind_scenes`), 96 x 72 pixels. It lifts rays by 0.1 mm and looks no nearer than 1 cm, so scenes
+much smaller or larger than 1 m are scaled to 1 m for it, which changes no radiance. Each picture
+is a sum of many renders, kept in two halves; its own noise is what the halves differ by, and a
+run can be broken off and continued:
 
     noise = sum |A - B| / sum (A + B)      of the mean of both halves, over the pixels that count
 
@@ -16,11 +18,13 @@ import argparse
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from tests.benchmarks.blind_scenes import BLIND_SCENES
 from tests.benchmarks.further_scenes import FURTHER_SCENES
 from tests.benchmarks.mitsuba_scenes import coverage, mitsuba, mitsuba_scene, sensor, start
 from torchradiometry.files import atomic_path
@@ -32,7 +36,9 @@ __all__ = ["SCENES", "SIZE", "Reference", "load"]
 SIZE = (96, 72)
 #: samples of a pixel in one render: a square number, as the sampler wants
 CHUNK = 256
-SCENES: dict[str, Callable[[int, int], Scene]] = STANDARD_SCENES | FURTHER_SCENES
+SCENES: dict[str, Callable[[int, int], Scene]] = STANDARD_SCENES | FURTHER_SCENES | BLIND_SCENES
+#: sizes of scenes that the path tracer takes as they are, m
+ORDINARY = (0.1, 100.0)
 
 
 class Reference(NamedTuple):
@@ -60,6 +66,22 @@ def load(folder: Path, name: str) -> Reference:
     return Reference((first + second) / chunks, mask, noise, chunks * int(kept["samples"]))
 
 
+def ordinary(scene: Scene) -> Scene:
+    """The same picture from a scene of about 1 m, where it is much smaller or larger."""
+    points = scene.triangles.corners.reshape(-1, 3)
+    size = float((points.amax(0) - points.amin(0)).norm()) / 2
+    if ORDINARY[0] <= size <= ORDINARY[1]:
+        return scene
+    if any(source.needs_position for source in scene.sources):
+        raise ValueError("lamps that are near are not scaled")
+    surfaces = tuple(replace(s, vertices=s.vertices / size) for s in scene.surfaces)
+    place = scene.cameras[0].camera_to_world.clone()
+    place[:3, 3] /= size
+    return replace(
+        scene, surfaces=surfaces, cameras=(replace(scene.cameras[0], camera_to_world=place),)
+    )
+
+
 def improve(folder: Path, name: str, noise: float, seconds: float) -> Reference:
     """Go on with a scene until its noise or the time of this call is reached."""
     scene = SCENES[name](*SIZE)
@@ -67,7 +89,8 @@ def improve(folder: Path, name: str, noise: float, seconds: float) -> Reference:
         with atomic_path(folder / f"{name}.npy") as file:
             np.save(file, coverage(scene)[0])
     file = folder / f"{name}.npz"
-    theirs, film = mitsuba_scene(scene), sensor(scene.cameras[0], "multijitter", CHUNK)
+    same = ordinary(scene)
+    theirs, film = mitsuba_scene(same), sensor(same.cameras[0], "multijitter", CHUNK)
     integrator = mitsuba.load_dict({"type": "path", "max_depth": -1, "rr_depth": 16})
     began = time.process_time()
     while not file.exists() or load(folder, name).noise > noise:
