@@ -9,7 +9,7 @@ import torch
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
 from torchradiometry.learn.data import SurfaceOptions
 from torchradiometry.learn.losses import angle_degrees
-from torchradiometry.learn.networks import least_squares
+from torchradiometry.learn.networks import robust_normals
 from torchradiometry.learn.training import (
     PhotometricTraining,
     ShadingTraining,
@@ -50,8 +50,8 @@ def test_resumed_training_ends_with_the_same_bits(
     assert [p.name for p in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
-def test_training_beats_least_squares(capsys: pytest.CaptureFixture[str]) -> None:
-    """A fresh network answers with least squares exactly; a short training improves on it."""
+def test_training_beats_the_robust_fit(capsys: pytest.CaptureFixture[str]) -> None:
+    """A fresh network answers with the robust fit exactly; a short training improves on it."""
     training = replace(PHOTOMETRIC, steps=300, batch_shapes=8)
     trained, fresh = train(training), training.network().eval()
     assert not trained.network.training
@@ -63,9 +63,9 @@ def test_training_beats_least_squares(capsys: pytest.CaptureFixture[str]) -> Non
         errors = [angle_degrees(n, b.normal) for n, b in zip(found, batches, strict=True)]
         return float(torch.cat(errors).mean())
 
-    start = [least_squares(b.intensity, b.direction) for b in batches]
-    woodham = torch.cat([angle_degrees(n, b.normal) for n, b in zip(start, batches, strict=True)])
-    assert degrees(fresh) == pytest.approx(float(woodham.mean()), rel=1e-3)
+    start = [robust_normals(b.intensity, b.direction) for b in batches]
+    fitted = torch.cat([angle_degrees(n, b.normal) for n, b in zip(start, batches, strict=True)])
+    assert degrees(fresh) == pytest.approx(float(fitted.mean()), rel=1e-3)
     assert degrees(trained.network) < 0.95 * degrees(fresh)
     assert capsys.readouterr() == ("", "")
 

@@ -192,7 +192,9 @@ class ShadingSamples(Dataset[SingleImages]):
         generator = generator_for(self.seed, 3, index)
         which = torch.randint(len(self.bank.mask), (self.images,), generator=generator)
         made = photograph(ShapeBank(*(p[which] for p in self.bank)), generator, self.shadows)
-        return made._replace(image=made.mask.expand_as(made.image)) if self.outline else made
+        if self.outline:
+            made = made._replace(image=made.mask.repeat(1, 3, 1, 1))
+        return made
 
 
 def _check_index(index: int, batches: int) -> None:

@@ -111,7 +111,8 @@ def photograph(bank: ShapeBank, generator: torch.Generator, shadows: bool = True
         sky = bank.sky.unsqueeze(1)
     albedo = _painted(images, size, generator)
     radiance = _shaded(normal, albedo, light, seen, sky, generator) * mask
-    return SingleImages(_exposed(radiance, mask, generator), mask, normal, albedo * mask)
+    made = (_exposed(radiance, mask, generator), mask, normal, albedo * mask)
+    return SingleImages(*(part.contiguous() for part in made))
 
 
 def _turned(bank: ShapeBank, generator: torch.Generator) -> ShapeBank:
