@@ -1,14 +1,13 @@
 """Real photographs, predicted from others of the same object under other lamps.
 
 A camera that looks along z sees a point of known normal n under a distant lamp l. With V the
-lamp's cast shadow, E_r the light that the object sends to itself and s the share of the room that
-the point sees,
+lamp's cast shadow and E_r the light that the object sends to itself,
 
-    I = rho (sum_k d_k pi f_k(l, z, n) c V + t E_r + u s) + sum_k w_k pi g_k(l, z, n) c V
-    c = max(0, n . l),   I at most what the camera can record under that lamp
+    I = rho (sum_k d_k pi f_k(l, z, n) c V + t E_r) + sum_k w_k pi g_k(l, z, n) c V
+    c = max(0, n . l),   I within what the camera can record under that lamp
 
 rho is the albedo of the pixel; f_k are rough diffuse surfaces (Oren-Nayar) of a few roughnesses
-and g_k highlights of a few widths. Their weights d, w, t, u >= 0 belong to the object: they and the
+and g_k highlights of a few widths. Their weights d, w, t >= 0 belong to the object: they and the
 albedos are least squares in turns, over the photographs with odd numbers. Those with even numbers
 are predicted, and
 
@@ -53,7 +52,7 @@ from torch.nn import functional
 from torchradiometry.deploy import Photographs, read_photographs
 from torchradiometry.files import write_picture
 from torchradiometry.materials import AbstractMaterial, BlinnPhong, Microfacet, OrenNayar
-from torchradiometry.shade import AmbientOcclusion, CastShadow
+from torchradiometry.shade import CastShadow
 from torchradiometry.shade.interreflection import reflected_irradiance
 from torchradiometry.sources import DirectionalSource
 
@@ -75,6 +74,8 @@ PENUMBRA = 0.05
 SHARES = (0.0, 0.1, 0.3, 1.0, 3.0)
 #: the brightest that a column without weight in its object makes a pixel, of the pixel's mean
 FRESH = 0.1
+#: how far off a highlight is in the pixel that it is on, of its own brightness
+DOUBT = 0.3
 #: of the grid for reflected light, an edge
 CELLS = 32
 
@@ -150,7 +151,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """One step of the ladder: predictions under even lamps, their error, seconds it took."""
+    """One step of the ladder: predictions under even lamps, their error, seconds of a core."""
 
     predicted: Tensor
     error: float
@@ -262,12 +263,19 @@ def fit_object(columns: Columns, seen: Tensor, ceiling: Tensor | None, rounds: i
         found = shared_weights(columns.at(some), seen[some], used[some], fit, some)
         fit = Fit(fit.albedo, found[:kinds] / found[:kinds].sum(), found[kinds:])
         matt, shine = fit.parts(columns)
+        sure = used * certainty(seen - fit.predict(columns), shine)
         # an albedo that no lamp shows is 0
-        albedo = (used * matt * (seen - shine)).sum(1) / (used * matt * matt).sum(1).clamp(min=1e-6)
+        albedo = (sure * matt * (seen - shine)).sum(1) / (sure * matt * matt).sum(1).clamp(min=1e-6)
         fit = replace(fit, albedo=albedo.clamp(min=0))
         if ceiling is not None:  # what is brighter than the camera can tell is as predicted
             used = (~((seen >= 0.99 * ceiling) & (fit.predict(columns) >= seen))).float()
     return fit
+
+
+def certainty(error: Tensor, shine: Tensor) -> Tensor:
+    """Of what a pixel shows besides its highlights, which are off by a share of themselves."""
+    usual = error.square().mean()
+    return usual / (usual + (DOUBT * shine).square()).clamp(min=1e-12)
 
 
 def shared_weights(columns: Columns, seen: Tensor, used: Tensor, fit: Fit, some: slice) -> Tensor:
@@ -295,6 +303,7 @@ def fit_pixels(columns: Columns, seen: Tensor, ceiling: Tensor, fit: Fit, share:
     predicted = fit.predict(columns)
     used = (~((seen >= 0.99 * ceiling) & (predicted >= seen))).float()
     noise = (used * (predicted - seen)).square().mean()
+    used = used * certainty(predicted - seen, fit.parts(columns)[1])
     fresh = FRESH * predicted.mean(1, keepdim=True) / peak.clamp(min=1e-9)
     trust = noise / (share * (mean + fresh)).square().clamp(min=1e-12)
     found = []
@@ -333,7 +342,8 @@ def by_weights(columns: Columns, weights: Tensor, ceiling: Tensor) -> Tensor:
 
 def within(predicted: Tensor, ceiling: Tensor | None) -> Tensor:
     """What the camera records of it."""
-    return predicted if ceiling is None else torch.minimum(predicted, ceiling)
+    # counts 0 and 255 stand for the middles of their intervals: 0.5 and 255.5
+    return predicted if ceiling is None else predicted.clamp(ceiling / 511, ceiling)
 
 
 def relative_error(predicted: Tensor, seen: Tensor) -> float:
@@ -342,18 +352,18 @@ def relative_error(predicted: Tensor, seen: Tensor) -> float:
 
 
 class Ladder:
-    """Fits odd photographs, predicts even ones, and notes how long each rung took."""
+    """Fits odd photographs, predicts even ones, and notes what each rung took."""
 
     def __init__(self, view: View) -> None:
         self.view, self.rungs = view, {}
         self.seen, self.ceiling = view.grey[:, ODD], view.ceiling[ODD]
-        self.since = time.perf_counter()
+        self.since = time.process_time()
 
     def add(self, name: str, predicted: Tensor) -> None:
-        seconds = time.perf_counter() - self.since
+        seconds = time.process_time() - self.since
         error = relative_error(predicted, self.view.grey[:, EVEN])
         self.rungs[name] = Rung(predicted, error, seconds)
-        self.since = time.perf_counter()
+        self.since = time.process_time()
 
     def object_rung(self, name: str, columns: Columns, limited: bool = False) -> Fit:
         """One set of weights for the object."""
@@ -426,7 +436,7 @@ def explain(view: View) -> tuple[dict[str, Rung], dict[str, float]]:
     matt = responses(ROUGH, view) * visible
     ladder.object_rung("+ rough diffuse", Columns(matt, shiny))
     shiny = best_phong(view, matt, visible, ladder.ceiling)
-    ladder.object_rung("+ the camera's ceiling", Columns(matt, shiny), limited=True)
+    ladder.object_rung("+ the camera's range", Columns(matt, shiny), limited=True)
     mirrors = responses(MIRRORS, view) * visible
     columns = Columns(matt, mirrors)
     fit = ladder.object_rung("microfacets for Blinn-Phong", columns, limited=True)
@@ -438,13 +448,7 @@ def explain(view: View) -> tuple[dict[str, Rung], dict[str, float]]:
         fit = fit_object(columns.under(ODD), ladder.seen, ladder.ceiling)
         mean *= float(fit.diffuse[-1] / fit.diffuse[: len(ROUGH)].sum())
         mean = min(max(mean, 0.05), 0.9)
-    ladder.object_rung("+ indirect light", columns, limited=True)
-
-    sky = AmbientOcclusion(reach=64, pixel_size=1.0)
-    room = sky(depth, normal=view.image(view.normal[view.mask]))[0][:, 0, view.mask]
-    room = room.unsqueeze(-1).expand(1, *view.grey.shape)
-    columns = Columns(torch.cat((columns.diffuse, room)), mirrors)
-    fit = ladder.object_rung("+ light from the room", columns, limited=True)
+    fit = ladder.object_rung("+ indirect light", columns, limited=True)
     tau = ladder.pixel_rung("+ weights of each pixel", columns, fit)
     return ladder.rungs, {"mean albedo": mean, "tau": tau}
 
