@@ -46,6 +46,7 @@ from torchradiometry.learn import (
     ShadingSamples,
     SurfaceOptions,
     angle_degrees,
+    drawn_lights,
     evaluate,
     evaluate_single,
     find_objects,
@@ -82,7 +83,7 @@ def photometric_rows(model: Path, data: Path) -> Rows:
     for name in OBJECTS:
         photographs = read_photographs(data / "diligent" / name)
         rows[f"{name}, 96 lights"] = beside_least_squares(photographs, model)
-        drawn = (np.random.default_rng(seed).permutation(96)[:10] for seed in DRAWS)
+        drawn = (drawn_lights(96, 10, seed) for seed in DRAWS)
         draws = [beside_least_squares(photographs.under(lights), model) for lights in drawn]
         few[f"{name}, 10 lights"] = _mean(draws)
     rows["mean, 96 lights"] = _mean(list(rows.values()))

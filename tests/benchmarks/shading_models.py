@@ -13,13 +13,13 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
-import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from tests.benchmarks.photographs import DRAWS, OBJECTS
 from tests.conftest import DATA
@@ -29,6 +29,7 @@ from torchradiometry.learn import (
     PhotometricTraining,
     SurfaceOptions,
     angle_degrees,
+    drawn_lights,
     least_squares,
     robust_normals,
     train,
@@ -45,21 +46,12 @@ MODELS = {
 PIXELS_AT_ONCE = 512
 
 Row: TypeAlias = dict[str, float]
-
-
-class Fit(nn.Module):
-    """A fit without a network, for the table."""
-
-    def __init__(self, solve: object) -> None:
-        super().__init__()
-        self.solve = solve
-
-    def forward(self, intensity: Tensor, direction: Tensor) -> Tensor:
-        return self.solve(intensity, direction)  # type: ignore[operator]
+#: intensity, direction -> normal: a network or a fit
+Solve: TypeAlias = Callable[[Tensor, Tensor], Tensor]
 
 
 @torch.no_grad()
-def degrees(network: nn.Module, photographs: Photographs) -> float:
+def degrees(network: Solve, photographs: Photographs) -> float:
     """Mean angle over the mask."""
     assert photographs.ground_truth is not None
     intensity = torch.from_numpy(photographs.grey())
@@ -69,13 +61,13 @@ def degrees(network: nn.Module, photographs: Photographs) -> float:
     return float(angle_degrees(found, truth).mean())
 
 
-def measured(network: nn.Module, data: Path) -> Row:
+def measured(network: Solve, data: Path) -> Row:
     """Every object under 96 and under ten lights, and the means."""
     row: Row = {}
     for name in OBJECTS:
         photographs = read_photographs(data / "diligent" / name)
         row[name] = degrees(network, photographs)
-        drawn = (np.random.default_rng(seed).permutation(96)[:10] for seed in DRAWS)
+        drawn = (drawn_lights(96, 10, seed) for seed in DRAWS)
         few = [degrees(network, photographs.under(lights)) for lights in drawn]
         row[f"{name}, 10"] = statistics.mean(few)
     row["96 lights"] = statistics.mean(row[name] for name in OBJECTS)
@@ -130,7 +122,7 @@ def main() -> None:
         keys = [f"{name}, seed {s}, {options.steps} steps" for s in range(1, options.seeds + 1)]
         print(line(name, [known[key] for key in keys]))
     for name, fit in (("robust fit", robust_normals), ("least squares", least_squares)):
-        print(line(f"no network: {name}", [measured(Fit(fit), options.data)]))
+        print(line(f"no network: {name}", [measured(fit, options.data)]))
 
 
 if __name__ == "__main__":

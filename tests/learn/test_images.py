@@ -158,8 +158,7 @@ def test_single_images_are_exposed_objects() -> None:
     assert batch.image.amax((1, 2, 3)).min() > 0.1
 
 
-def test_paint_and_shading_make_the_image() -> None:
-    """Under natural light alone and without noise, image / albedo has one colour but for a tint."""
+def test_shadows_change_the_image_and_nothing_else() -> None:
     samples = ShadingSamples(make_shapes(4, 32, seed=2), batches=1, seed=5, images=4)
     plain = ShadingSamples(samples.bank, 1, 5, 4, shadows=False)
     first, second = samples[0], plain[0]

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, ShapeError
 from torchradiometry.geometry.depth import checked_size
 from torchradiometry.geometry.image_space import (
     HeightField,
@@ -180,7 +180,9 @@ class _Exchange(AbstractOperator):
         self.between = exchange
 
     def exchange(self, x: Tensor) -> Tensor:
-        raise NotImplementedError  # slices give F, not the symmetric A F
+        raise ShapeError(
+            "operator", "slices, which give F without areas", "solve by bounces (Neumann)"
+        )
 
     def __call__(self, x: Float[Tensor, "B cell channel"]) -> Float[Tensor, "B cell channel"]:
         return self.between.irradiance(x.permute(2, 1, 0)).permute(2, 1, 0)
