@@ -13,6 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.geometry.patches import Patches
+
 #: bits of a coordinate in the polygon's plane, and of the slopes of that plane
 GRID = {torch.float64: (20, 8), torch.float32: (10, 3)}
 
@@ -165,4 +167,68 @@ def receivers(kind: str, count: int, dtype: torch.dtype, seed: int = 0) -> list[
                 draw.rounded(position * scale), draw.rounded(normal), draw.rounded(polygon * scale)
             )
         )
+    return found
+
+
+class Lamp(NamedTuple):
+    """A sphere as it is seen from a point."""
+
+    offset: Tensor
+    normal: Tensor
+    radius: Tensor
+
+
+def _above(draw: Draw, away: Tensor, cosine: float) -> Tensor:
+    """A normal at that cosine to a direction."""
+    cosine = max(-1.0, min(1.0, cosine))
+    return cosine * away + math.sqrt(1 - cosine * cosine) * _across(draw, away)
+
+
+#: name -> sine of the sphere's half-angle s, and the cosine of its centre for that s
+SPHERES: dict[str, Callable[[Draw], tuple[float, Callable[[float], float]]]] = {
+    "far, s = 1e-6..0.5": lambda d: (d.decades(1e-6, 0.5), lambda s: d.decades(2 * s, 1)),
+    "near, 1 - s = 1e-6..0.5": lambda d: (1 - d.decades(1e-6, 0.5), lambda s: 1.0),
+    "cut by the horizon": lambda d: (
+        d.decades(1e-6, 0.99), lambda s: s * float(d.uniform(low=-0.95, high=0.95))
+    ),
+    "touched by the horizon": lambda d: (
+        d.decades(1e-6, 0.5), lambda s: s * (1 + d.decades(1e-6, 1))
+    ),
+    "peeking over the horizon": lambda d: (
+        d.decades(1e-4, 0.9), lambda s: -s * (1 - d.decades(1e-4, 0.5))
+    ),
+}  # fmt: skip
+
+
+def spheres(kind: str, count: int, dtype: torch.dtype, seed: int = 0) -> list[Lamp]:
+    """Drawn at distances of 1e-2..1e2 and rounded; those that are hidden are left out."""
+    draw, found = Draw(seed, dtype), []
+    while len(found) < count:
+        s, cosine = SPHERES[kind](draw)
+        away, distance = draw.unit(), draw.decades(1e-2, 1e2)
+        normal = _above(draw, away, cosine(s))
+        radius = torch.tensor(s * distance, dtype=torch.float64)
+        lamp = Lamp(*(draw.rounded(t) for t in (distance * away, normal, radius)))
+        a, n, r = (t.double() for t in lamp)
+        if a @ n > -0.99999 * r * n.norm():
+            found.append(lamp)
+    return found
+
+
+def plates(
+    kind: str, count: int, dtype: torch.dtype, seed: int = 0
+) -> list[tuple[Patches, tuple[float, float, float]]]:
+    """Two rectangles of any ratio up to 1000, facing at any gap, or with a common edge."""
+    draw, found = Draw(seed, dtype), []
+    for _ in range(count):
+        size = draw.decades(1e-3, 1e3)
+        ratios = (size, size * draw.decades(1e-3, 1e3), size * draw.decades(1e-3, 1e3))
+        a, b, c = draw.rounded(torch.tensor(ratios, dtype=torch.float64)).tolist()
+        floor = torch.tensor([[0, 0, 0], [a, 0, 0], [a, b, 0], [0, b, 0]], dtype=dtype)
+        if kind == "parallel":
+            other = floor.flip(0) + torch.tensor([0, 0, c], dtype=dtype)
+            found.append((Patches(torch.stack((floor, other))), (a, b, c)))
+        else:
+            other = torch.tensor([[0, 0, 0], [0, b, 0], [0, b, c], [0, 0, c]], dtype=dtype)
+            found.append((Patches(torch.stack((floor, other))), (a, c, b)))
     return found
