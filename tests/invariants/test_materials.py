@@ -21,7 +21,7 @@ MATERIAL = pytest.mark.parametrize("case", MATERIALS, ids=lambda case: case.name
 NOT_RECIPROCAL = {materials.OriginalPhong}
 #: nor is its reflectance bounded; that of a sum is not checked
 NO_PROMISE = {materials.OriginalPhong, materials.SumMaterial}
-SETS, PAIRS = 4, 16
+SETS, PAIRS = 8, 20
 #: largest values of the parameters, by name
 MOST = {"albedo": 1.0, "specular": 1.0, "roughness": 1.0, "shininess": 60.0}
 #: the small rule below, against the default one of `mirror_quadrature`

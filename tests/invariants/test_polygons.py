@@ -17,7 +17,7 @@ from torchradiometry.geometry import (
     solid_angle_polygon,
 )
 
-BATCH = 20
+BATCH = 40
 #: up to 60 m from the origin, seen from 1 m: places lose six bits, and so do values near 0
 MOVED = 1e-12
 

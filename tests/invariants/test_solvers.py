@@ -16,18 +16,18 @@ from tests.invariants.draws import invariant, same
 from torchradiometry import solve
 
 SOLVER = pytest.mark.parametrize("case", SOLVERS, ids=lambda case: case.name)
-ROOMS, PATCHES = 8, 6
+ROOMS, PATCHES = 20, 5
 #: what a solver that stops at its tolerance may be off by: `AdaptiveNeumann(1e-9)` of the list
 STOPPED = 2e-9
 
 
 def rooms(seed: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Albedo and exitance `room patch channel`, and weights of exchange `patch patch`."""
+    """Albedo and exitance `room patch channel`, and weights of exchange `room patch patch`."""
     draw = draws.generator(seed)
     return (
         draws.uniform(draw, ROOMS, PATCHES, 1, high=0.9),
         draws.uniform(draw, ROOMS, PATCHES, 1),
-        draws.uniform(draw, PATCHES, PATCHES) ** 3,
+        draws.uniform(draw, ROOMS, PATCHES, PATCHES) ** 3,
     )
 
 
@@ -45,7 +45,7 @@ def test_emission_adds_up_in_any_order(
     both = layer(albedo, parts, weights) + layer(albedo, exitance - parts, weights)
     same(both, found, STOPPED)
     same(layer(albedo, factor * exitance, weights), factor * found, STOPPED)
-    mixed = layer(albedo[:, order], exitance[:, order], weights[order][:, order])
+    mixed = layer(albedo[:, order], exitance[:, order], weights[:, order][..., order])
     same(mixed, found[:, order], STOPPED)
 
 

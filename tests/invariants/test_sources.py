@@ -13,7 +13,7 @@ from tests.invariants import draws
 from tests.invariants.draws import Motion, brighter, invariant, same
 
 SOURCE = pytest.mark.parametrize("case", SOURCES, ids=lambda case: case.name)
-POINTS = 8
+POINTS = 20
 #: the moved scene is up to 60 m from the origin, so places lose that many roundings; the sharpest
 #: edge of the cases (a spot of 0.1 rad) multiplies them by its steepness
 MOVED = 1e-11

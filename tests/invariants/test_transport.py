@@ -14,7 +14,7 @@ from tests.invariants.draws import Motion, invariant, same
 from torchradiometry import transport
 from torchradiometry.geometry.patches import Patches
 
-PAIRS = 20
+PAIRS = 40
 #: pairs have a relative error of 1e-10; those that see little of each other, of the largest
 RELATIVE = 1e-10
 #: what the exportable rule, one for all pairs, is off by where no corners are shared
