@@ -4,7 +4,7 @@ Numbers go in as the machine holds them (every float is a rational number), so a
 found is the package's and not that of the input. Fifty digits cancel as far as any case here
 does and leave thirty.
 
-mpmath comes with torch (through sympy).
+mpmath also comes with torch (through sympy).
 """
 
 from __future__ import annotations
