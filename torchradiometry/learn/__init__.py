@@ -22,6 +22,7 @@ from torchradiometry.learn.data import (
 from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
 from torchradiometry.learn.images import Materials, Observations, observe, random_materials
+from torchradiometry.learn.light import estimate_light
 from torchradiometry.learn.losses import (
     albedo_loss,
     angle_degrees,
@@ -75,6 +76,7 @@ __all__ = [
     "angle_degrees",
     "chord_loss",
     "drawn_lights",
+    "estimate_light",
     "evaluate",
     "evaluate_draws",
     "evaluate_folder",
