@@ -8,18 +8,21 @@ at right angles to the mean m of their normals,
 which is exact for planes and for spheres, of whatever size, and otherwise up to the third power of
 p. Normals that were estimated are those of no surface; the heights are least squares,
 
-    sum over pairs of w (m_x p + m_z (h_right - h))^2 + ...,        w = 1
+    sum over pairs of (m_x p + m_z (h_right - h))^2 + (-m_y p + m_z (h_below - h))^2  ->  min
 
 Poisson's equation with natural borders: nothing is said about heights at the mask's edge. A pair is
 heard as m_z^2, so the steep rim of an object, where slopes are large and doubtful, says little.
 
-*Breaks.* Where one part hides another the surface jumps, and no normal tells by how much. A pixel
-holds to the side on which the steps are smaller, and the more so the more they differ:
+*Breaks.* Where one part hides another the surface jumps, and no normal tells by how much; the mean
+of the two normals is that of neither. There each pixel speaks for itself, ahead and behind, and
+holds to the side on which the steps are smaller (Cao et al. 2022):
 
-    w = t + t'_next,     t = sigmoid(2 (b^2 - a^2)),     t' = 1 - t
+    sum over pixels of  t (n_x p + n_z (h_next - h))^2 + (1 - t) (n_x p + n_z (h - h_last))^2,
 
-with a and b = n_z |step| / p ahead of and behind the pixel (Cao et al. 2022). These weights follow
-from the heights, which follow from the weights, in rounds.
+    t = sigmoid(2 (b^2 - a^2)),     a = n_z (h_next - h) / p,     b = n_z (h - h_last) / p
+
+and the same for columns; beyond the mask's edge steps are 0. t follows from the heights, and the
+heights from t, in rounds. Steps well below a pixel hardly move t: they are bridged as before.
 
 References: B. K. P. Horn and M. J. Brooks, "The variational approach to shape from shading", CVGIP
 33 (1986) (least squares); X. Cao, H. Santo, B. Shi, F. Okura and Y. Matsushita, "Bilateral Normal
@@ -56,7 +59,7 @@ __all__ = ["Heights", "normals_to_heights"]
 EDGE_ON = 2.0**-7
 #: how sharply a pixel chooses its side, and what is left of the side that it drops, so that the
 #: parts of a piece keep a height over each other
-SHARP, DROPPED = 2.0, 2.0**-12
+SHARP, DROPPED = 2.0, 2.0**-20
 
 
 class Heights(NamedTuple):
@@ -101,64 +104,71 @@ def normals_to_heights(
     Differentiable in: normal and pixel_size, once, by one more solve; the weights of breaks are
         taken as given.
     Export: no, it stops when it is good enough.
-    References: Horn and Brooks (1986); Cao et al. (2022), eq. 14 to 18.
+    References: Horn and Brooks (1986); Cao et al. (2022).
 
     >>> slope = torch.tensor([-0.6, 0.0, 0.8]).reshape(1, 3, 1, 1).expand(1, 3, 1, 3)
     >>> normals_to_heights(slope, pixel_size=4.0).height.round(decimals=3)[..., [0, 2]]
     tensor([[[[-3.,  3.]]]])
     """
     seen = _checked(normal, mask, rounds)
-    (clean,) = wide(torch.where(seen.unsqueeze(1), normal, 0))
-    mean = _mean_of_pairs(clean[:, 0], seen), _mean_of_pairs(clean[:, 1], seen)
-    facing = _mean_of_pairs(clean[:, 2], seen)
-    facing = Springs(*(f.clamp(min=EDGE_ON) for f in facing))
+    x, y, z = wide(*torch.where(seen.unsqueeze(1), normal, 0).unbind(1))
     joined = _joined(seen)
-    stiff = facing.times(facing).times(Springs(*(j.double() for j in joined)))
-    force = facing.times(Springs(-mean[0].right, mean[1].down))
-    found, residual, steps = relaxed(stiff, force, 0 * clean[:, 0], ROUGHLY if rounds else ENOUGH)
+    found, residual, steps = relaxed(
+        *_between(x, y, z, joined), torch.zeros_like(z), ROUGHLY if rounds else ENOUGH
+    )
     for left in reversed(range(rounds)):
         found = found.detach()
-        weight = _trusted(found, clean[:, 2].detach(), joined)
-        enough = ROUGHLY if left else ENOUGH
-        pulled = stiff.times(weight), force.times(weight)
-        found, residual, more = relaxed(*pulled, found, enough)
+        springs = _one_sided(x, y, z, found, joined)
+        found, residual, more = relaxed(*springs, found, ROUGHLY if left else ENOUGH)
         steps += more
     height = (without_mean(found, pieces(joined)) * pixel_size).to(normal.dtype)
     height = torch.where(seen, height, torch.nan).unsqueeze(1)
     return Heights(height, residual.to(normal.dtype), steps)
 
 
-def _joined(
-    seen: Bool[Tensor, "B H W"],
-) -> tuple[Bool[Tensor, "B H W"], Bool[Tensor, "B H W"]]:
+def _joined(seen: Bool[Tensor, "B H W"]) -> tuple[Bool[Tensor, "B H W"], Bool[Tensor, "B H W"]]:
     """Whether a pixel and its right, its lower neighbour are both seen."""
-    right = functional.pad(seen[..., 1:], (0, 1)) & seen
-    return right, functional.pad(seen[..., 1:, :], (0, 0, 0, 1)) & seen
+    return seen & _next(seen, -1), seen & _next(seen, -2)
 
 
-def _mean_of_pairs(values: Float[Tensor, "B H W"], seen: Bool[Tensor, "B H W"]) -> Springs:
-    """Mean of each pair; 0 where there is none."""
-    right, down = _joined(seen)
-    to_right = functional.pad(values[..., 1:] + values[..., :-1], (0, 1))
-    below = functional.pad(values[..., 1:, :] + values[..., :-1, :], (0, 0, 0, 1))
-    return Springs(torch.where(right, to_right / 2, 0), torch.where(down, below / 2, 0))
+def _next(values: Tensor, axis: int) -> Tensor:
+    """The value of the pixel to the right (-1) or below (-2); 0 beyond the image."""
+    size = values.shape[axis] - 1
+    return functional.pad(values.narrow(axis, 1, size), (0, 1) if axis == -1 else (0, 0, 0, 1))
 
 
-def _trusted(height: Tensor, facing: Tensor, joined: tuple[Tensor, Tensor]) -> Springs:
-    """w of every pair; 1 where the pixels at its ends do not prefer a side."""
-    step, weights = steps_of(height), []
-    for axis, jump, pair in zip((-1, -2), step, joined, strict=True):
-        before = (1, 0) if axis == -1 else (0, 0, 1, 0)
-        after = (0, 1) if axis == -1 else (0, 0, 0, 1)
-        size = jump.shape[axis] - 1
-        held = functional.pad(jump.narrow(axis, 0, size), before)
-        both = pair & functional.pad(pair.narrow(axis, 0, size), before)
-        ahead, behind = (facing * jump).square(), (facing * held).square()
-        # a pixel with one neighbour only, at the mask's edge, has no choice
-        choice = torch.where(both, torch.sigmoid(SHARP * (behind - ahead)), 0.5)
-        there = functional.pad((1 - choice).narrow(axis, 1, size), after)
-        weights.append((choice + there).clamp(min=DROPPED))
-    return Springs(*weights)
+def _previous(values: Tensor, axis: int) -> Tensor:
+    """The value of the pixel to the left (-1) or above (-2); 0 beyond the image."""
+    size = values.shape[axis] - 1
+    return functional.pad(values.narrow(axis, 0, size), (1, 0) if axis == -1 else (0, 0, 1, 0))
+
+
+def _between(
+    x: Tensor, y: Tensor, z: Tensor, joined: tuple[Tensor, Tensor]
+) -> tuple[Springs, Springs]:
+    """Stiffness m_z^2 and force of the mean normal of every pair."""
+    stiff, force = [], []
+    for axis, aside, pair in zip((-1, -2), (-x, y), joined, strict=True):
+        facing = ((z + _next(z, axis)) / 2).clamp(min=EDGE_ON)
+        stiff.append(torch.where(pair, facing.square(), 0))
+        force.append(torch.where(pair, facing * (aside + _next(aside, axis)) / 2, 0))
+    return Springs(*stiff), Springs(*force)
+
+
+def _one_sided(
+    x: Tensor, y: Tensor, z: Tensor, height: Tensor, joined: tuple[Tensor, Tensor]
+) -> tuple[Springs, Springs]:
+    """Stiffness and force of every pair, each pixel speaking for itself on the side it trusts."""
+    z = z.clamp(min=EDGE_ON)
+    step, stiff, force = steps_of(height), [], []
+    for axis, aside, jump, pair in zip((-1, -2), (-x, y), step, joined, strict=True):
+        ahead = (z.detach() * jump).square()
+        behind = (z.detach() * _previous(jump, axis)).square()
+        trust = torch.sigmoid(SHARP * (behind - ahead)).clamp(DROPPED, 1 - DROPPED)
+        here, there = trust * z, (1 - trust) * z
+        stiff.append(torch.where(pair, here * z + _next(there * z, axis), 0))
+        force.append(torch.where(pair, here * aside + _next(there * aside, axis), 0))
+    return Springs(*stiff), Springs(*force)
 
 
 def _checked(normal: Tensor, mask: Tensor | None, rounds: int) -> Bool[Tensor, "B H W"]:

@@ -14,7 +14,8 @@ a number without a unit: of all lights that explain the image nearly as well, th
 irradiance varies least is taken. A flat object shows one of the nine and leaves the others to r.
 
 Shadows, highlights and errors of the normals are no part of the law. Weights are found in rounds,
-from the residual d of a pixel, all channels together, and its median m over the object (2^-12 of the image at least):
+from the residual d of a pixel, all channels together, and its median m over the object (at least
+2^-12 of the image's mean):
 
     w = 1 / (1 + (d / 3 m)^2)^2        (Geman and McClure)
 
@@ -47,8 +48,8 @@ __all__ = ["estimate_light"]
 #: r: on the half ball that a camera sees, the smallest of the nine eigenvalues is 0.003 of their
 #: mean, so this moves what it shows by 5 parts in a million
 RIDGE = 2.0**-26
-#: the residual that counts a quarter, in medians, and the smallest median, of the image's mean: below
-#: the noise of cameras, above what the ridge leaves unexplained
+#: the residual that counts a quarter, in medians, and the smallest median, of the image's mean:
+#: below the noise of cameras, above what the ridge leaves unexplained
 DOUBT, EXACT = 3.0, 2.0**-12
 
 
