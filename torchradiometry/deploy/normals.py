@@ -205,11 +205,11 @@ def _from_one_image(
     normals = _placed(enlarged(found, [0, 0, 1]), photograph.mask)
     if not paint:
         return normals, None
-    colours = enlarged(paint[0], [1, 1, 1])
-    if not np.isfinite(colours).all() or not colours.mean() > 0:
+    paints = enlarged(paint[0], [1, 1, 1])
+    if not np.isfinite(paints).all() or not paints.mean() > 0:
         raise InvalidValueError("the model", "no finite, positive albedo", "check the photograph")
     albedo = np.zeros((*photograph.mask.shape, 3), dtype=np.float32)
-    albedo[photograph.mask] = colours / colours.mean()
+    albedo[photograph.mask] = paints / paints.mean()
     return normals, albedo
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,7 @@ class SurfaceEstimate:
     light: NDArray[np.float64] | None = None
     explained: float | None = None
 
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, Any]:
         """What there is, by name."""
         parts = {name: getattr(self, name) for name in ("normal", "height", "mask")}
         if self.albedo is not None and self.light is not None:

@@ -30,6 +30,7 @@ from torchradiometry.learn.losses import (
     integrability_loss,
     rendering_loss,
 )
+from torchradiometry.learn.mesh_shapes import mesh_shapes
 from torchradiometry.learn.networks import (
     PhotometricNetwork,
     ShadingNetwork,
@@ -92,6 +93,7 @@ __all__ = [
     "make_bank",
     "make_shapes",
     "make_surfaces",
+    "mesh_shapes",
     "observation_map",
     "observe",
     "photograph",

@@ -84,7 +84,7 @@ def random_shapes(
     made = [MAKERS[families[k]](size, generator) for k in choice]
     height = torch.stack([height for height, _ in made])
     inside = torch.stack([mask for _, mask in made])
-    return _finished(height, inside)
+    return finished(height, inside)
 
 
 def height_to_normals(
@@ -102,7 +102,7 @@ def height_to_normals(
     return points_to_normals(points)
 
 
-def _finished(height: Tensor, inside: Tensor) -> Shapes:
+def finished(height: Tensor, inside: Tensor) -> Shapes:
     """Heights below the object pushed down, normals, and the mask without its outermost pixel."""
     normal = height_to_normals(height)
     outside = (~inside).to(height.dtype).unsqueeze(1)
