@@ -2,7 +2,8 @@
 
     I_c(p) = rho_c(p) / pi  sum_k A_k Y_k(n_p) L_kc,      k = 1..9
 
-by least squares with a small ridge, reweighted against shadows and highlights. The basis Y, in the
+by least squares, reweighted against shadows and highlights; of lights that explain the image nearly
+as well, the one whose irradiance varies least. The basis Y, in the
 order and normalisation of `HarmonicSource`, and A are those of R. Ramamoorthi and P. Hanrahan, "An
 Efficient Representation for Irradiance Environment Maps", SIGGRAPH 2001, eq. 3 and 8.
 """
@@ -18,7 +19,9 @@ __all__ = ["fit_light", "shine"]
 
 #: A of each of the nine, sr
 COSINE = np.pi * np.array([1.0, *(2 / 3,) * 3, *(1 / 4,) * 5])
-#: ridge, of the mean of the diagonal; rounds of weights
+#: l (l + 1) of each of the nine
+SLOPE = np.array([0.0, *(2.0,) * 3, *(6.0,) * 5])
+#: what evenness is worth where normals and albedo are true; rounds of weights
 RIDGE, ROUNDS = 2.0**-26, 10
 #: the residual that counts a quarter, in medians; the smallest median, of the image's mean
 DOUBT, EXACT = 3.0, 2.0**-12
@@ -37,7 +40,10 @@ def shine(normal: NDArray[np.floating], light: NDArray[np.floating]) -> NDArray[
 
 
 def fit_light(
-    image: NDArray[np.floating], normal: NDArray[np.floating], albedo: NDArray[np.floating]
+    image: NDArray[np.floating],
+    normal: NDArray[np.floating],
+    albedo: NDArray[np.floating],
+    ridge: float = RIDGE,
 ) -> NDArray[np.float64]:
     """The nine harmonics `9 C` of the light under which the pixels look like the image.
 
@@ -45,6 +51,7 @@ def fit_light(
         image: `pixel C`, linear.
         normal: `pixel 3`, unit.
         albedo: `pixel C`, >= 0; the light is relative to it.
+        ridge: how much evenness is worth; 0.01 for what a network guessed.
 
     Returns:
         L_kc, in the unit of the image per sqrt(sr); 0 where nothing is seen.
@@ -60,7 +67,7 @@ def fit_light(
     basis, trust = _basis(normal[some]) / np.pi, np.ones_like(seen)
     found = np.zeros((9, len(seen)))
     for last in (*(False,) * ROUNDS, True):
-        found = _solved(seen, basis, paint, trust)
+        found = _solved(seen, basis, paint, trust, ridge)
         if not last and seen.size:
             trust = _trusted(seen, paint * (basis @ found).T)
     return found / COSINE[:, None]
@@ -79,6 +86,7 @@ def _solved(
     basis: NDArray[np.float64],
     paint: NDArray[np.float64],
     trust: NDArray[np.float64],
+    ridge: float,
 ) -> NDArray[np.float64]:
     """The nine of the irradiance of each channel."""
     found = np.zeros((9, len(seen)))
@@ -87,7 +95,8 @@ def _solved(
         gram = held.T @ (colour[:, None] * basis)
         mean = gram.diagonal().mean()
         if mean > 0:
-            found[:, c] = np.linalg.solve(gram / mean + RIDGE * np.eye(9), held.T @ values / mean)
+            gram = gram / mean + ridge * np.diag(SLOPE)
+            found[:, c] = np.linalg.solve(gram, held.T @ values / mean)
     return found
 
 
