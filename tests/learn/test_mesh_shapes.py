@@ -144,6 +144,17 @@ def test_only_what_is_drawn_is_opened(tmp_path: Path) -> None:
     assert mesh_shapes(files, 1, 32, seeded(4)).mask.any()
 
 
+def test_the_frame_can_be_chosen(tmp_path: Path) -> None:
+    path = written(trimesh.creation.icosphere(), tmp_path / "ball.ply")
+    for fill in (0.2, 0.45):
+        mask = mesh_shapes([path], 2, SIZE, seeded(1), fill).mask
+        wide = torch.maximum(mask.any(1).sum(1), mask.any(2).sum(1))
+        # less the mask's rim, and pixels of the limb that rays through their centres miss
+        assert ((2 * fill * SIZE - 2 - wide).abs() <= 3).all()
+    with pytest.raises(OutOfRangeError, match="fill"):
+        mesh_shapes([path], 2, SIZE, seeded(1), 0.6)
+
+
 def test_without_embree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(trimesh.creation.icosphere(), tmp_path / "ball.ply")
     fast = mesh_shapes([path], 1, 32, seeded(0))

@@ -23,6 +23,7 @@ from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_fold
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
 from torchradiometry.learn.images import Materials, Observations, observe, random_materials
 from torchradiometry.learn.light import estimate_light
+from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
 from torchradiometry.learn.losses import (
     albedo_loss,
     angle_degrees,
@@ -43,13 +44,7 @@ from torchradiometry.learn.processes import Processes, joined_processes
 from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining
 from torchradiometry.learn.settings_file import read_training, write_training
 from torchradiometry.learn.shapes import Shapes, height_to_normals, random_shapes
-from torchradiometry.learn.single_images import (
-    ShapeBank,
-    SingleImages,
-    photograph,
-    photograph_shapes,
-    shape_bank,
-)
+from torchradiometry.learn.single_images import SingleImages, photograph, photograph_shapes
 from torchradiometry.learn.stored_samples import StoredSamples, write_samples
 from torchradiometry.learn.training import Machine, Trained, train
 
@@ -89,6 +84,7 @@ __all__ = [
     "integrability_loss",
     "joined_processes",
     "least_squares",
+    "light_shapes",
     "load_checkpoint",
     "make_bank",
     "make_shapes",
@@ -106,7 +102,6 @@ __all__ = [
     "relative_to_mean",
     "rendering_loss",
     "robust_normals",
-    "shape_bank",
     "surface_normals",
     "train",
     "write_samples",

@@ -86,6 +86,7 @@ class ShadingTraining:
         size: pixels along their edge.
         shapes: how many different shapes.
         shadows: shadows of lamps and of the sky.
+        indirect: light that surfaces send each other.
         outline: show the network nothing but outlines: the control.
         features: channels of the network.
         rate: peak learning rate.
@@ -99,6 +100,7 @@ class ShadingTraining:
     size: int = 64
     shapes: int = 1500
     shadows: bool = True
+    indirect: bool = True
     outline: bool = False
     features: int = 32
     rate: float = 1.5e-3
@@ -117,7 +119,8 @@ class ShadingTraining:
     def samples(self, advance: Advance | None = None) -> ShadingSamples:
         """The batches of this seed; making the shapes is the long part."""
         bank = make_shapes(self.shapes, self.size, self.seed, advance)
-        return ShadingSamples(bank, self.steps, self.seed, self.images, self.shadows, self.outline)
+        effects = (self.shadows, self.indirect, self.outline)
+        return ShadingSamples(bank, self.steps, self.seed, self.images, *effects)
 
     def surfaces_made(self) -> int:
         """How many surfaces `samples` makes before the first batch."""
