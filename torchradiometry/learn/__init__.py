@@ -22,6 +22,7 @@ from torchradiometry.learn.data import (
 from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
 from torchradiometry.learn.images import Materials, Observations, observe, random_materials
+from torchradiometry.learn.light import estimate_light
 from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
 from torchradiometry.learn.losses import (
     albedo_loss,
@@ -30,6 +31,7 @@ from torchradiometry.learn.losses import (
     integrability_loss,
     rendering_loss,
 )
+from torchradiometry.learn.mesh_shapes import mesh_shapes
 from torchradiometry.learn.networks import (
     PhotometricNetwork,
     ShadingNetwork,
@@ -70,6 +72,7 @@ __all__ = [
     "angle_degrees",
     "chord_loss",
     "drawn_lights",
+    "estimate_light",
     "evaluate",
     "evaluate_draws",
     "evaluate_folder",
@@ -86,6 +89,7 @@ __all__ = [
     "make_bank",
     "make_shapes",
     "make_surfaces",
+    "mesh_shapes",
     "observation_map",
     "observe",
     "photograph",

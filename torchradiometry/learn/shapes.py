@@ -89,7 +89,7 @@ def random_shapes(
     made = [MAKERS[families[k]](size, generator) for k in choice]
     height = torch.stack([height for height, _ in made])
     inside = torch.stack([mask for _, mask in made])
-    return _finished(height, inside)
+    return finished(height, inside)
 
 
 def framed_shapes(
@@ -152,7 +152,7 @@ def _framed(height: Tensor, inside: Tensor, size: int) -> Shapes:
     )
     scaled = guarded_divide(total, share) * (size / edge)
     covered = share > 0.5 * weight[0].sum(1, keepdim=True) * weight[1].sum(1)
-    return _finished(scaled[None], covered[None])
+    return finished(scaled[None], covered[None])
 
 
 def height_to_normals(
@@ -170,7 +170,7 @@ def height_to_normals(
     return points_to_normals(points)
 
 
-def _finished(height: Tensor, inside: Tensor) -> Shapes:
+def finished(height: Tensor, inside: Tensor) -> Shapes:
     """Heights below the object pushed down, normals, and the mask without its outermost pixel."""
     normal = height_to_normals(height)
     outside = (~inside).to(height.dtype).unsqueeze(1)
