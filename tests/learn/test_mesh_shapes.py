@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from torchradiometry.errors import (
     OutOfRangeError,
 )
 from torchradiometry.learn.mesh_shapes import mesh_heights, mesh_shapes, random_rotation
+from torchradiometry.learn.settings import ShadingTraining
+from torchradiometry.learn.settings_file import training_from_table, training_table
 from torchradiometry.learn.shapes import random_shapes
 from torchradiometry.learn.solids import grid
 from torchradiometry.transport.brute_force import BruteForceRays
@@ -205,3 +208,16 @@ def test_faults_are_named(tmp_path: Path) -> None:
     (tmp_path / "needle.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0.001 0\nf 1 2 3\n")
     with pytest.raises(DegenerateGeometryError, match="too thin"):
         mesh_shapes(one("needle.obj"), 1, 32, seeded(0))
+
+
+def test_named_meshes_are_every_second_shape_of_a_training(tmp_path: Path) -> None:
+    path = tmp_path / "ball.ply"
+    trimesh.creation.icosphere(subdivisions=4).export(path)
+    own = ShadingTraining(steps=1, images=1, size=24, shapes=4, features=8)
+    named = replace(own, meshes=(str(path),))
+    plain, mixed = own.samples().bank, named.samples().bank
+    assert torch.equal(plain.height[::2], mixed.height[::2])
+    rows = mixed.mask[1::2].any(2).sum(-1)
+    assert (rows == rows[0]).all()  # a ball, framed, whichever way it is turned
+    assert not torch.equal(plain.mask[1::2], mixed.mask[1::2])
+    assert training_from_table(training_table(named), "here") == named

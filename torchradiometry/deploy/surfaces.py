@@ -47,7 +47,7 @@ from torchradiometry.files import atomic_path
 __all__ = ["SurfaceEstimate", "estimate_surface", "normals_file", "write_surface"]
 
 #: what evenness of light is worth beside normals and albedo of a network: best on synthetic
-#: photographs, where 0.003 and 0.03 are nearly as good
+#: photographs, where 0.001 and 0.03 are nearly as good
 GUESSED = 0.01
 
 

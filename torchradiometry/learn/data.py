@@ -8,8 +8,9 @@ batches (use `DataLoader(samples, batch_size=None, num_workers=...)`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from torch.utils.data import Dataset
@@ -18,7 +19,8 @@ from torchradiometry.errors import IndexRangeError, OutOfRangeError
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces
 from torchradiometry.learn.images import Observations, observe
 from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
-from torchradiometry.learn.shapes import framed_shapes
+from torchradiometry.learn.mesh_shapes import mesh_shapes
+from torchradiometry.learn.shapes import MARGIN, framed_shapes
 from torchradiometry.learn.single_images import OBJECTS, SingleImages, photograph
 
 __all__ = [
@@ -144,12 +146,30 @@ class PhotometricSamples(Dataset[Observations]):
         return min(most, int(fewest * ((most + 1) / fewest) ** share))
 
 
-def make_shapes(shapes: int, size: int, seed: int, advance: Advance | None = None) -> ShapeBank:
-    """The shapes of a seed and what they see of the sky; shape k does not depend on how many."""
+def make_shapes(
+    shapes: int,
+    size: int,
+    seed: int,
+    advance: Advance | None = None,
+    meshes: Sequence[str | Path] = (),
+) -> ShapeBank:
+    """The shapes of a seed with their lamps; shape k does not depend on how many there are.
+
+    Args:
+        shapes: how many.
+        size: pixels along an edge.
+        seed: of the shapes.
+        advance: called after each.
+        meshes: files; where there are any, every second shape is one of them.
+    """
     parts = []
     for k in range(shapes):
         generator = generator_for(seed, 4, k)
-        parts.append(light_shapes(framed_shapes(1, size, generator, OBJECTS), generator))
+        if meshes and k % 2:
+            made = mesh_shapes(meshes, 1, size, generator, fill=0.5 / (1 + MARGIN))
+        else:
+            made = framed_shapes(1, size, generator, OBJECTS)
+        parts.append(light_shapes(made, generator))
         if advance is not None:
             advance(k + 1, "shapes")
     return ShapeBank(*(torch.cat(each) for each in zip(*parts, strict=True)))

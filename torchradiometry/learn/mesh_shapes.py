@@ -15,6 +15,7 @@ outside and the mask's rim are those of `random_shapes`, and so are the normals:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from torchradiometry.errors import (
     MissingDependencyError,
     OutOfRangeError,
 )
+from torchradiometry.files import check_readable
 from torchradiometry.geometry.meshes import face_corners
 from torchradiometry.learn.shapes import Shapes, finished
 from torchradiometry.learn.solids import grid, uniform
@@ -95,7 +97,8 @@ def mesh_shapes(
     if fill is not None and not 0 < fill <= 0.5:
         raise OutOfRangeError("fill", str(fill), "pass a share above 0 and up to 0.5")
     drawn = torch.randint(0, len(files), (count,), generator=generator).tolist()
-    meshes = {k: _rays(Path(files[k])) for k in sorted(set(drawn))}
+    paths = {k: check_readable(files[k], "mesh") for k in sorted(set(drawn))}
+    meshes = {k: _held(path, path.stat().st_mtime_ns) for k, path in paths.items()}
     made = [_seen(meshes[k], size, generator, fill, str(files[k])) for k in drawn]
     return Shapes(*(torch.cat(parts) for parts in zip(*made, strict=True)))
 
@@ -141,6 +144,12 @@ def mesh_heights(
     hits = rays.closest(origin, down)
     height = torch.where(hits.found, above - hits.distance, 0).reshape(size, size)
     return height, hits.found.reshape(size, size)
+
+
+@lru_cache(maxsize=8)
+def _held(path: Path, changed: int) -> AbstractRayCaster:
+    """The triangles of a file as it was when it was last `changed`."""
+    return _rays(path)
 
 
 def _rays(path: Path) -> AbstractRayCaster:

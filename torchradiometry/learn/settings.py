@@ -85,6 +85,7 @@ class ShadingTraining:
         images: images in a batch.
         size: pixels along their edge.
         shapes: how many different shapes.
+        meshes: files whose shapes every second one is; none: random shapes alone.
         shadows: shadows of lamps and of the sky.
         indirect: light that surfaces send each other.
         outline: show the network nothing but outlines: the control.
@@ -99,6 +100,7 @@ class ShadingTraining:
     images: int = 16
     size: int = 64
     shapes: int = 1500
+    meshes: tuple[str, ...] = ()
     shadows: bool = True
     indirect: bool = True
     outline: bool = False
@@ -118,7 +120,7 @@ class ShadingTraining:
 
     def samples(self, advance: Advance | None = None) -> ShadingSamples:
         """The batches of this seed; making the shapes is the long part."""
-        bank = make_shapes(self.shapes, self.size, self.seed, advance)
+        bank = make_shapes(self.shapes, self.size, self.seed, advance, self.meshes)
         effects = (self.shadows, self.indirect, self.outline)
         return ShadingSamples(bank, self.steps, self.seed, self.images, *effects)
 
