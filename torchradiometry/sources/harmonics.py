@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "HarmonicSource",
+    "cosine_coefficients",
     "harmonic_arrival",
     "harmonic_basis",
     "project_harmonics",
@@ -76,6 +77,11 @@ def harmonic_basis(direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batc
     shape = (one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, (x - y) * (x + y))
     norm = torch.tensor(_NORM, dtype=direction.dtype, device=direction.device)
     return torch.stack(shape, -1) * norm
+
+
+def cosine_coefficients(like: Tensor) -> Float[Tensor, "9"]:
+    """A_l of the nine, in sr: irradiance per radiance; dtype and device of `like`."""
+    return torch.tensor(_COSINE, dtype=like.dtype, device=like.device)
 
 
 def project_harmonics(
@@ -124,8 +130,7 @@ def harmonic_arrival(
     Export: compile yes, ONNX yes.
     References: Ramamoorthi and Hanrahan (2001), eq. 9.
     """
-    cosine = torch.tensor(_COSINE, dtype=normal.dtype, device=normal.device)
-    kernel = (harmonic_basis(normal) * cosine).unsqueeze(-1)
+    kernel = (harmonic_basis(normal) * cosine_coefficients(normal)).unsqueeze(-1)
     held = light_first(coefficients.flatten(-2), normal)
     held = held.unflatten(-1, (9, coefficients.shape[-1]))
     irradiance = (kernel * held).sum(-2).clamp(min=0)
