@@ -122,7 +122,8 @@ def polygon_irradiance(
     tensor(1.7408)
     """
     dtype = torch.promote_types(position.dtype, polygon.dtype)
-    signed = signed_irradiance(*wide(position, normal, polygon), torch.finfo(dtype).eps)
+    position, normal, polygon = wide(position, normal, polygon)
+    signed = signed_irradiance(position, normal, polygon, torch.finfo(dtype).eps)
     return (signed.abs() if two_sided else signed.clamp(min=0)).to(dtype)
 
 
