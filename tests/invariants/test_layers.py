@@ -159,7 +159,7 @@ def test_depth_maps_keep_the_laws_of_light(seed: int, scale: float) -> None:
 
 @given(seed=draws.seeds)
 @invariant(2 * 36)
-def test_shadows_are_shares_and_mirror(seed: int) -> None:
+def test_shadows_are_shares_and_turn(seed: int) -> None:
     depth, _, _ = relief(seed)
     sun = sources.DirectionalSource(
         draws.units(draws.generator(seed), 2), torch.ones(1, 1).double()
@@ -168,8 +168,8 @@ def test_shadows_are_shares_and_mirror(seed: int) -> None:
         layer = shade.CastShadow(sun, width=width, pixel_size=0.1)
         visible = draws.repeats(lambda layer=layer: layer(depth))
         assert ((visible >= 0) & (visible <= 1)).all()
-        mirrored = sources.DirectionalSource(
-            sun.direction * sun.direction.new_tensor([-1.0, 1, 1]), sun.irradiance
+        turned = sources.DirectionalSource(
+            sun.direction * sun.direction.new_tensor([-1.0, -1, 1]), sun.irradiance
         )
-        flipped = shade.CastShadow(mirrored, width=width, pixel_size=0.1)(depth.flip(-1))
-        same(flipped.flip(-1), visible, 1e-9)
+        found = shade.CastShadow(turned, width=width, pixel_size=0.1)(depth.flip(-1, -2))
+        same(found.flip(-1, -2), visible, 1e-9)

@@ -64,8 +64,9 @@ def test_a_face_split_in_two_exchanges_the_same(seed: int, share: float, corner:
 
 
 @given(seed=draws.seeds, order=st.permutations(range(4)))
-@invariant(4)
+@invariant(6)
 def test_a_closed_room(seed: int, order: list[int]) -> None:
+    """Six exchanges."""
     patches = room(seed)
     factors = draws.repeats(lambda: transport.form_factors(patches))
     exchange = factors * patches.area.unsqueeze(1)
@@ -78,7 +79,7 @@ def test_a_closed_room(seed: int, order: list[int]) -> None:
 
 
 @given(seed=draws.seeds)
-@invariant(4)
+@invariant(6)
 def test_a_blocker_only_darkens(seed: int) -> None:
     """A sheet inside the room: reciprocal, rows of at most 1, nothing above the free room."""
     patches = room(seed)
