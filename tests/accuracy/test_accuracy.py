@@ -14,7 +14,7 @@ from tests.solve.rooms import KINDS, room
 from torchradiometry import solve, sources, transport
 from torchradiometry.geometry import polygon_irradiance, solid_angle_polygon
 from torchradiometry.sources import PolygonSource, SphereSource
-from torchradiometry.sources.sphere import sphere_irradiance
+from torchradiometry.sources.sphere_irradiance import sphere_irradiance
 
 #: relative errors that are promised
 IRRADIANCE = {torch.float64: 1e-12, torch.float32: 5e-6}

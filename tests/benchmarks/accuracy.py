@@ -23,7 +23,7 @@ from torchradiometry.geometry import (
     polygon_vector_irradiance,
     solid_angle_polygon,
 )
-from torchradiometry.sources.sphere import sphere_irradiance, sphere_vector_irradiance
+from torchradiometry.sources.sphere_irradiance import sphere_irradiance, sphere_vector_irradiance
 
 DTYPES = (torch.float64, torch.float32)
 #: of a batch, a triangle's worth of form factors is dear: fifty digits and a double integral

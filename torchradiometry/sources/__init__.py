@@ -33,8 +33,8 @@ from torchradiometry.sources.sphere import (
     fibonacci_directions,
     sphere_arrival,
     sphere_samples,
-    sphere_vector_irradiance,
 )
+from torchradiometry.sources.sphere_irradiance import sphere_vector_irradiance
 from torchradiometry.sources.spot import SpotSource, cone_attenuation, spot_arrival
 
 __all__ = [
