@@ -1,13 +1,10 @@
-"""Shapes lit by lamps of their own: frames, shadows, bounces, and framing as photographs are."""
+"""Shapes lit by lamps of their own: shadows, bounces, and turns."""
 
-import pytest
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
-from torchradiometry.learn import ShapeBank, Shapes, height_to_normals, light_shapes
+from torchradiometry.learn import ShapeBank, Shapes, height_to_normals, light_shapes, random_shapes
 from torchradiometry.learn.lit_shapes import places, turned_shapes
-from torchradiometry.learn.shapes import framed_shapes
 from torchradiometry.learn.single_images import photograph
 from torchradiometry.numerics import clamped_cosine
 from torchradiometry.shade.layout import to_points
@@ -62,7 +59,7 @@ def test_a_groove_sends_itself_what_its_walls_receive() -> None:
 
 def test_lamps_turn_with_their_shapes() -> None:
     bank = light_shapes(
-        framed_shapes(1, SIZE, torch.Generator().manual_seed(3), ["limbs"]),
+        random_shapes(1, SIZE, torch.Generator().manual_seed(3), ["limbs"]),
         torch.Generator().manual_seed(4),
     )
     lit = facing(bank) * bank.mask[:, None]
@@ -78,33 +75,6 @@ def test_lamps_turn_with_their_shapes() -> None:
             )
         sums.add(tuple(made.lamp[0, 0].round().tolist()))
     assert len(sums) == 8
-
-
-def test_framed_shapes_are_whole_and_fill_the_image() -> None:
-    made = framed_shapes(12, 40, torch.Generator().manual_seed(0), ["lathe", "limbs", "stones"])
-    again = framed_shapes(12, 40, torch.Generator().manual_seed(0), ["lathe", "limbs", "stones"])
-    assert torch.equal(made.height, again.height)
-    rows, columns = (made.mask.any(axis).sum(-1) for axis in (2, 1))
-    longest = torch.maximum(rows, columns)
-    assert (longest >= 30).all()
-    assert (longest <= 36).all()
-    for edge in (made.mask[:, 0], made.mask[:, -1], made.mask[..., 0], made.mask[..., -1]):
-        assert not edge.any()
-    assert torch.isfinite(made.height).all()
-
-
-def test_framing_keeps_a_slope() -> None:
-    """Heights shrink with the image: a ball stays a ball."""
-    made = framed_shapes(4, 64, torch.Generator().manual_seed(2), ["ellipsoids"])
-    found = height_to_normals(made.height)
-    torch.testing.assert_close(found[:, 2][made.mask], made.normal[:, 2][made.mask])
-    assert (made.normal[:, 2][made.mask] > 0).all()
-
-
-@pytest.mark.parametrize(("count", "families"), [(0, ["lathe"]), (1, ["cubes"])])
-def test_wrong_shapes_are_named(count: int, families: list[str]) -> None:
-    with pytest.raises(OutOfRangeError):
-        framed_shapes(count, 32, torch.Generator().manual_seed(0), families)
 
 
 def test_bounces_reach_the_picture_and_nothing_else() -> None:

@@ -20,7 +20,7 @@ from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces
 from torchradiometry.learn.images import Observations, observe
 from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
 from torchradiometry.learn.mesh_shapes import mesh_shapes
-from torchradiometry.learn.shapes import MARGIN, framed_shapes
+from torchradiometry.learn.shapes import random_shapes
 from torchradiometry.learn.single_images import OBJECTS, SingleImages, photograph
 
 __all__ = [
@@ -166,9 +166,9 @@ def make_shapes(
     for k in range(shapes):
         generator = generator_for(seed, 4, k)
         if meshes and k % 2:
-            made = mesh_shapes(meshes, 1, size, generator, fill=0.5 / (1 + MARGIN))
+            made = mesh_shapes(meshes, 1, size, generator)
         else:
-            made = framed_shapes(1, size, generator, OBJECTS)
+            made = random_shapes(1, size, generator, OBJECTS)
         parts.append(light_shapes(made, generator))
         if advance is not None:
             advance(k + 1, "shapes")

@@ -67,7 +67,7 @@ def mesh_shapes(
         size: pixels along an edge, >= 16.
         generator: the source of chance; the same state and files give the same shapes.
         fill: half of the longer side of what is seen, as a share of the picture, up to 0.5; None
-            draws it. 0.45 frames as `framed_shapes` does.
+            draws it.
 
     Returns:
         Heights, normals and masks, as of `random_shapes`; join them with `torch.cat` field by

@@ -11,9 +11,8 @@ that meets the object again:
 
     R_l = r E_1l / (1 - r (1 - V_sky)),    V_sky' = V_sky / (1 - r (1 - V_sky)).
 
-The albedo is painted: a few colours with sharp borders, stains, and prints (small marks in one
-ink). Colour tells paint from shading: a border between colours bends no surface, and shading has
-one colour.
+The albedo is painted: a few colours with sharp borders, and stains. Colour tells paint from
+shading: a border between colours bends no surface, and shading has one colour.
 
 A shape, its lamps and what it sees of them are made once (`lit_shapes`) and photographed many
 times, turned, mirrored, and with new paint, lights and camera.
@@ -34,7 +33,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes, places, turned_shapes
-from torchradiometry.learn.shapes import FAMILIES, framed_shapes, height_to_normals
+from torchradiometry.learn.shapes import FAMILIES, height_to_normals, random_shapes
 from torchradiometry.materials.blinn_phong import BlinnPhong
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.shade.lambertian import LambertianShading
@@ -49,8 +48,8 @@ __all__ = ["SingleImages", "photograph", "photograph_shapes"]
 
 #: a relief fills the image and has no outline
 OBJECTS = tuple(family for family in FAMILIES if family != "reliefs")
-#: shares of images of one colour, without lamps, with highlights, and with prints
-PLAIN, NATURAL, GLOSSY, PRINTED = 0.25, 0.25, 0.4, 0.3
+#: shares of images of one colour, without lamps, and with highlights
+PLAIN, NATURAL, GLOSSY = 0.25, 0.25, 0.4
 
 
 class SingleImages(NamedTuple):
@@ -85,7 +84,7 @@ def photograph_shapes(
         shadows: let lamps and sky be hidden.
         indirect: let surfaces light each other.
     """
-    bank = light_shapes(framed_shapes(images, size, generator, OBJECTS), generator)
+    bank = light_shapes(random_shapes(images, size, generator, OBJECTS), generator)
     return photograph(bank, generator, shadows, indirect)
 
 
@@ -191,33 +190,7 @@ def _painted(images: int, size: int, generator: torch.Generator) -> Float[Tensor
         _smooth_noise(images, 1, size, (16, 16), generator)
         * uniform(-0.05, 0.12, 1, 1, 1).clamp(min=0)
     )
-    return _printed(paint * stains, generator).clamp(0.02, 0.95)
-
-
-def _printed(
-    paint: Float[Tensor, "B 3 H W"], generator: torch.Generator
-) -> Float[Tensor, "B 3 H W"]:
-    """Small marks in one ink on parts of some objects, drawn out along the image's axes or not."""
-    images, size = len(paint), paint.shape[-1]
-
-    def uniform(low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * torch.rand(images, *shape, generator=generator)
-
-    fine = torch.stack(
-        [
-            _smooth_noise(images, 1, size, cells, generator)
-            for cells in ((32, 32), (20, 20), (10, 40), (40, 10), (3, 24), (24, 3))
-        ]
-    )
-    kind = torch.randint(len(fine), (images,), generator=generator)
-    chosen = fine[kind, torch.arange(images)]
-    where = _smooth_noise(images, 1, size, (4, 4), generator) > uniform(-1.5, 1, 1, 1, 1)
-    there = where & (uniform(0, 1, 1, 1, 1) < PRINTED)
-    ink = torch.sigmoid(8 * (chosen - uniform(0, 1, 1, 1, 1))) * there
-    colour = 2 ** uniform(-4.5, 0, 1, 1, 1) * torch.exp(
-        0.4 * torch.randn(images, 3, 1, 1, generator=generator)
-    )
-    return paint + (colour - paint) * ink
+    return (paint * stains).clamp(0.02, 0.95)
 
 
 def _smooth_noise(

@@ -2,9 +2,9 @@
 
     E = s^2 psi c - cos(sigma) sin(psi) q + atan(q sin(psi) / cos(sigma)),   q = s sin(omega)
 
-with the symbols of `sphere_irradiance`. How far the horizon cuts into the sphere, s^2 - c^2, how near the
-point is to it, 1 - s^2, and a grazing cosine are differences of the numbers given; the sum is
-far smaller than its terms where a far sphere only peeks over the horizon.
+with the symbols of `sphere_irradiance`. How far the horizon cuts into the sphere, s^2 - c^2, how
+near the point is to it, 1 - s^2, and a grazing cosine are differences of the numbers given; the
+sum is far smaller than its terms where a far sphere only peeks over the horizon.
 
 References: J. M. Snyder, Microsoft Research MSR-TR-96-11 (1996), 3.3; as of
 `geometry.double_double`.
