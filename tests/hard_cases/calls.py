@@ -5,6 +5,7 @@ Each trial takes a subject and a dtype and gives an `Outcome`, or None where it 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -21,7 +22,8 @@ from tests.hard_cases.bank import (
     attempt,
     easy_leaves,
 )
-from tests.hard_cases.subjects import TINY, Leaves, Subject
+from tests.hard_cases.kinds import at_first
+from tests.hard_cases.subjects import TINY, Leaves, Subject, role
 
 #: errors that may answer a tensor of the wrong dtype
 NOT_A_NUMBER = {"InvalidValueError"}
@@ -69,14 +71,19 @@ def laid_out(change: Callable[[Tensor], Tensor], subject: Subject, dtype: torch.
         k: change(t) if k.startswith("input.") else t for k, t in in_dtype(subject, dtype).items()
     }
     found = attempt(subject, dtype, leaves)
-    plain = attempt(
-        subject,
-        dtype,
-        {k: t.clone(memory_format=torch.contiguous_format) for k, t in leaves.items()},
-    )
+    if change is strided:
+        plain = easy_result(subject, dtype)
+    else:
+        plain = attempt(subject, dtype, {k: t.contiguous() for k, t in leaves.items()})
     if isinstance(found, Outcome) or isinstance(plain, Outcome):
         return found if isinstance(found, Outcome) else Outcome("same", "only the copy raises")
+    if change is expanded:  # which of the equal entries the gradient goes to is not said
+        found, plain = (r._replace(gradients=_summed(r.gradients)) for r in (found, plain))
     return Outcome("same", "; ".join(differences(found, plain, dtype)))
+
+
+def _summed(gradients: Leaves) -> Leaves:
+    return {k: t.sum(0) if k.startswith("input.") else t for k, t in gradients.items()}
 
 
 def differences(found: Result, plain: Result, dtype: torch.dtype) -> Iterator[str]:
@@ -138,13 +145,19 @@ def _finite(result: Result) -> Outcome:
 # numbers that are none
 
 
+def easy_result(subject: Subject, dtype: torch.dtype) -> Result | Outcome:
+    if dtype not in subject.known:
+        subject.known[dtype] = attempt(subject, dtype, in_dtype(subject, dtype))
+    return subject.known[dtype]
+
+
 def spoiled(value: float, name: str, subject: Subject, dtype: torch.dtype) -> Outcome | None:
     """NaN or infinity in the first entry of an input: it stays where that entry matters."""
     key = f"input.{name}"
     if key not in subject.easy:
         return None
     leaves = in_dtype(subject, dtype)
-    easy = attempt(subject, dtype, leaves)
+    easy = easy_result(subject, dtype)
     found = attempt(subject, dtype, leaves | {key: _with(leaves[key], value)})
     if isinstance(found, Outcome) or isinstance(easy, Outcome):
         return found if isinstance(found, Outcome) else easy
@@ -168,19 +181,54 @@ def _with(tensor: Tensor, value: float) -> Tensor:
 
 
 def reached(subject: Subject, key: str) -> dict[str, Tensor]:
-    """Which results move when the first entry of an input does, to numbers of either sign."""
+    """Which results may hold what the first entry of an input makes of them.
+
+    Those that move when the whole first point does, to numbers of either sign. Where depths or
+    patches couple the points, all of the first image; where nothing else is shared, no other.
+    """
     if key not in subject.reach:
-        leaves = {k: t.double() for k, t in subject.easy.items()}
+        leaves = subject.easy
         base = attempt(subject, torch.float64, leaves)
         assert isinstance(base, Result)
         moved = {n: torch.zeros_like(t, dtype=torch.bool) for n, t in base.named().items()}
-        for value in (-0.7, 0.3, 3.0):
-            found = attempt(subject, torch.float64, leaves | {key: _with(leaves[key], value)})
+        for value, other in itertools.product((-0.7, 0.3, 3.0), (-1.0, 1.0)):
+            # form factors of one sign: with others, a solver may wander as long as it is allowed
+            first = abs(value) if key == "input.form_factors" else value
+            changed = {key: _with(leaves[key], first)}
+            if not key.startswith("input.source_") and key != "input.intrinsics":
+                own = {k: value if role(k) == "normal" else other for k in leaves if _own(k)}
+                changed |= {k: _point(k, leaves[k], v) for k, v in own.items()}
+            found = attempt(subject, torch.float64, leaves | changed)
             if isinstance(found, Result):
                 for n, t in found.named().items():
                     moved[n] |= t != base.named()[n]
+        if subject.family == "source":  # samples that face away move for no change of the point
+            for name, there in moved.items():
+                if name.startswith("output"):
+                    there[:, 0, 0] = True
+        coupled = {"input.depth", "input.form_factors", "input.corners"} & set(leaves)
+        for there in moved.values():
+            if key.startswith("input.source_"):  # a light shines on every point, if only with 0
+                there |= True
+            if coupled and there.ndim:
+                there |= there.flatten(1).any(1).reshape(-1, *(1,) * (there.ndim - 1))
         subject.reach[key] = moved
     return subject.reach[key]
+
+
+def _own(key: str) -> bool:
+    """Whether a tensor is an input with an entry for each point or patch."""
+    shared = {"intrinsics", "form_factors", "corners", "depth", "radiance"}
+    return (
+        key.startswith("input.") and not key.startswith("input.source_") and role(key) not in shared
+    )
+
+
+def _point(key: str, tensor: Tensor, value: float) -> Tensor:
+    """The first point of an input, moved by `value` in all its numbers, or set to it."""
+    name = key.removeprefix("input.")
+    steps = torch.linspace(0.5, 1, at_first({key: tensor}, name).numel(), dtype=tensor.dtype)
+    return at_first({key: tensor}, name, value * steps)
 
 
 def trials(names: set[str]) -> list[Trial]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from tests.hard_cases.subjects import Leaves, Subject, is_light, role
+from tests.hard_cases.subjects import Leaves, is_light, role
 
 #: what shines, in any unit
 POWER = {"radiance", "irradiance", "intensity", "coefficients", "exitance"}
@@ -51,20 +51,6 @@ def each(roles: set[str], change: Callable[[Tensor], Tensor]) -> Change:
 
     def changed(leaves: Leaves) -> Leaves | None:
         return {k: change(t) for k, t in leaves.items() if role(k) in roles} or None
-
-    return changed
-
-
-def first_point(change: Callable[[Tensor], Tensor], *names: str) -> Change:
-    """The inputs of these names, changed at the first pixel or point."""
-
-    def changed(leaves: Leaves) -> Leaves | None:
-        found = {}
-        for name in names:
-            tensor = leaves.get(f"input.{name}")
-            if tensor is not None:
-                found[f"input.{name}"] = put_first(tensor, name, change(get_first(tensor, name)))
-        return found or None
 
     return changed
 

@@ -39,6 +39,7 @@ class Subject:
     def __init__(self, family: str, case: Case, sizes: Sizes = TINY) -> None:
         self.family, self.case = family, case
         self.modules: dict[torch.dtype, nn.Module] = {}
+        self.known: dict[object, object] = {}  #: results that several trials ask for
         self.reach: dict[str, dict[str, Tensor]] = {}  #: what `calls.reached` found
         self.names = input_names(self.module(torch.float64))
         inputs = case.inputs(torch.float64, sizes)

@@ -22,6 +22,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
+import torch
 from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
@@ -110,7 +111,8 @@ class Southwell(AbstractSolver):
 
 def _shot(now: _Shooting, operator: AbstractOperator, albedo: Tensor, count: int) -> _Shooting:
     """The `count` brightest patches send what they have."""
-    power = now.unsent.abs().sum(-1)
+    # a system that is not finite is settled, and must not hide the brightest of the others
+    power = torch.where(torch.isfinite(now.unsent), now.unsent.abs(), 0).sum(-1)
     power = power if operator.area is None else power * operator.area
     index = power.topk(count, dim=-1, sorted=False).indices
     at = index.unsqueeze(-1).expand(*index.shape, albedo.shape[-1])
