@@ -57,6 +57,8 @@ def run(subject: Subject, dtype: torch.dtype, leaves: Leaves) -> Result:
     leaves = {k: t.detach().requires_grad_(t.is_floating_point()) for k, t in leaves.items()}
     outputs = subject.call(dtype, leaves)
     total = sum((o * weights(o)).sum() for o in outputs if o.requires_grad)
+    if not isinstance(total, Tensor):  # nothing depends on the numbers: they were no real ones
+        return Result([o.detach() for o in outputs], {})
     active = {k: t for k, t in leaves.items() if t.requires_grad}
     found = torch.autograd.grad(total, list(active.values()), allow_unused=True)
     gradients = {

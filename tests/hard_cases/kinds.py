@@ -198,6 +198,13 @@ def _diagonal(factors: Tensor) -> Tensor:
     return torch.eye(len(factors), dtype=factors.dtype) + 0 * factors
 
 
+def _hidden(factors: Tensor) -> Tensor:
+    """Row and column 0 of the first patch: it has no area."""
+    factors = factors.clone()
+    factors[0], factors[:, 0] = 0, 0
+    return factors
+
+
 def full(value: float) -> Callable[[Tensor], Tensor]:
     return lambda t: torch.full_like(t, value)
 
@@ -291,6 +298,7 @@ KINDS = [
     Kind("focal length 0", with_input("intrinsics", lambda k: k * torch.tensor([0, 0, 1.0]).to(k).unsqueeze(-1)), smooth=False, values=False),
     # patches
     Kind("patches that see nothing", with_input("form_factors", times(1e-12))),
+    Kind("a patch that nobody sees", with_input("form_factors", _hidden)),
     Kind("patches that see only themselves", with_input("form_factors", _diagonal)),
     Kind("rows of form factors that sum to 1.5", with_input("form_factors", times(1.5))),
 ]
