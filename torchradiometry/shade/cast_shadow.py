@@ -91,7 +91,8 @@ def cast_shadows(
         direction = arrival.direction.expand(-1, *batch, 3).unflatten(2, depth.shape[-2:])
         distance = arrival.distance.expand(-1, *batch).unflatten(2, depth.shape[-2:])
         direction, distance = single(direction, distance)
-        light = (field, view, direction.unbind(-1), distance)
+        x, y, z = direction.unbind(-1)
+        light = (field, view, (x, y, z), distance)
         found.append(hard_shadows(*light) if width is None else soft_shadows(*light, width))
     return torch.cat(found).transpose(0, 1).to(depth.dtype)
 

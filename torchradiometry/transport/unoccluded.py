@@ -90,7 +90,7 @@ def unoccluded_form_factors(
     """
     require_floating("corners", corners)
     if not torch.compiler.is_compiling() and corners.shape[-3] == 0:
-        return corners.new_zeros(0, 0)
+        return corners[:, 0] @ corners[:, 0].mT
     dtype = corners.dtype
     corners, node, weight = wide(corners, node, weight)
     corners = corners - corners.detach().mean((0, 1))
