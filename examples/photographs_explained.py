@@ -17,8 +17,7 @@ Rungs of the ladder add one thing each; in the last one every pixel has weights 
 to the object's: w_kp is about w_k, give or take the share tau of what it contributes. How
 large tau should be, two thirds of the odd photographs tell by predicting the other third.
 
-Heights come from the normals by bilaterally weighted least squares (Cao et al.): a pixel's slope
-holds to its left or to its right, above or below, where the surface breaks off at the other side.
+Heights come from the normals by `normals_to_heights`, with weights for breaks.
 
 E_r is one bounce and an ambient tail. Its albedo is known only up to a factor, the same that
 photographs have to radiance; the mean albedo is found so that t = 1.
@@ -29,8 +28,7 @@ measured, predicted and their difference (times 4) for one photograph of each ob
 photographs are not ours to publish.
 
 References: B. Shi et al., "A benchmark dataset and evaluation for non-Lambertian and uncalibrated
-photometric stereo", TPAMI 2019; X. Cao, H. Santo, B. Shi, F. Okura and Y. Matsushita, "Bilateral
-Normal Integration", ECCV 2022.
+photometric stereo", TPAMI 2019.
 """
 
 from __future__ import annotations
@@ -51,6 +49,7 @@ from torch.nn import functional
 
 from torchradiometry.deploy import Photographs, read_photographs
 from torchradiometry.files import write_picture
+from torchradiometry.geometry import normals_to_heights
 from torchradiometry.materials import AbstractMaterial, BlinnPhong, Microfacet, OrenNayar
 from torchradiometry.shade import CastShadow
 from torchradiometry.shade.interreflection import reflected_irradiance
@@ -156,73 +155,6 @@ class Rung:
     predicted: Tensor
     error: float
     seconds: float
-
-
-def heights(normal: Tensor, mask: Tensor, rounds: int = 10, steps: int = 300) -> Tensor:
-    """Heights `H W`, in pixels, whose slopes are those of normals `H W 3`; NaN outside."""
-    nx, ny, nz = normal.double().unbind(-1)
-    nz = nz.clamp(min=0.01)
-    # n_z (h of the next pixel - h) = slope, to the right (axis 1) and down (axis 0)
-    slopes = {1: -nx, 0: ny}
-    pairs = {axis: (first(mask, axis) & second(mask, axis)).double() for axis in slopes}
-    height = torch.zeros_like(nz)
-    for turn in range(rounds):
-        stiffness, pull = {}, {}
-        for axis, slope in slopes.items():
-            step = pairs[axis] * height.diff(dim=axis)
-            ahead, behind = (functional.pad(step, END[side][axis]) * nz for side in (1, 0))
-            trust = torch.sigmoid(2 * (behind.square() - ahead.square()))
-            here, there = trust * nz, (1 - trust) * nz
-            stiffness[axis] = pairs[axis] * (first(here * nz, axis) + second(there * nz, axis))
-            pull[axis] = pairs[axis] * (first(here * slope, axis) + second(there * slope, axis))
-        height = balanced(stiffness, pull, height, steps if turn else 10 * steps)
-    return torch.where(mask, height - height[mask].mean(), torch.nan)
-
-
-def first(values: Tensor, axis: int) -> Tensor:
-    """Of each pair of neighbours."""
-    return values.narrow(axis, 0, values.shape[axis] - 1)
-
-
-def second(values: Tensor, axis: int) -> Tensor:
-    """Of each pair of neighbours."""
-    return values.narrow(axis, 1, values.shape[axis] - 1)
-
-
-#: padding before and behind an axis
-END = ({0: (0, 0, 1, 0), 1: (1, 0, 0, 0)}, {0: (0, 0, 0, 1), 1: (0, 1, 0, 0)})
-
-
-def balanced(
-    stiffness: dict[int, Tensor], pull: dict[int, Tensor], start: Tensor, steps: int
-) -> Tensor:
-    """h that minimises the sum over pairs of stiffness (step - pull / stiffness)^2."""
-
-    def spread(forces: dict[int, Tensor], sign: float = -1.0) -> Tensor:
-        pads = (
-            functional.pad(f, END[0][a]) + sign * functional.pad(f, END[1][a])
-            for a, f in forces.items()
-        )
-        return sum(pads, torch.zeros_like(start))
-
-    def apply(height: Tensor) -> Tensor:
-        return spread({a: k * height.diff(dim=a) for a, k in stiffness.items()}) + 1e-9 * height
-
-    diagonal = spread(stiffness, 1.0) + 1e-9
-    height, wanted = start, spread(pull)
-    rest = wanted - apply(height)
-    ahead = ready = rest / diagonal
-    power, enough = (rest * ready).sum(), 1e-12 * (wanted.square() / diagonal).sum()
-    for _ in range(steps):
-        if power <= enough:
-            break
-        pushed = apply(ahead)
-        length = power / (ahead * pushed).sum()
-        height, rest = height + length * ahead, rest - length * pushed
-        ready = rest / diagonal
-        power, before = (rest * ready).sum(), power
-        ahead = ready + power / before * ahead
-    return height
 
 
 def responses(
@@ -427,7 +359,8 @@ def explain(view: View) -> tuple[dict[str, Rung], dict[str, float]]:
     everywhere = torch.ones_like(view.grey)
     ladder.object_rung("+ Blinn-Phong", Columns(matt, best_phong(view, matt, everywhere)))
 
-    depth = -heights(view.normal, view.mask).float()[None, None]
+    normal = view.image(view.normal[view.mask])
+    depth = -normals_to_heights(normal, view.mask[None, None], rounds=10).height
     visible = shadowed(view, depth)
     matt = matt * visible
     shiny = best_phong(view, matt, visible)

@@ -10,6 +10,8 @@ from hypothesis import settings
 # the same examples in every run; HYPOTHESIS_PROFILE=search draws new ones
 settings.register_profile("repeatable", deadline=None, derandomize=True, database=None)
 settings.register_profile("search", deadline=None, max_examples=1000)
+# `pytest --thorough`: 10,000 examples of every invariant
+settings.register_profile("thorough", settings.get_profile("repeatable"), max_examples=10_000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -27,7 +29,13 @@ def benchmark_data() -> Path:
     return DATA
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--thorough", action="store_true", help="10,000 examples of every invariant")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Two test workers share two cores: one torch thread each."""
+    if config.getoption("thorough"):
+        settings.load_profile("thorough")
     if os.environ.get("PYTEST_XDIST_WORKER"):
         torch.set_num_threads(1)

@@ -109,13 +109,8 @@ def dented(example: ModuleType, size: int = 24) -> tuple[object, torch.Tensor]:
     return replace(view, grey=seen), albedo
 
 
-def test_photographs_explained_finds_heights_and_weights() -> None:
+def test_photographs_explained_finds_weights() -> None:
     example = load("photographs_explained")
-    axis = torch.linspace(-1, 1, 20)
-    height = 5 * torch.exp(-2 * (axis.square() + axis.square().unsqueeze(1)))
-    normal = depth_to_normals(-height[None, None], pixel_size=1.0)[0].permute(1, 2, 0)
-    found = example.heights(normal, torch.ones(20, 20, dtype=torch.bool)).float()
-    assert float((found - height + height.mean()).abs().max()) < 0.1
     table = torch.tensor([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]])
     for wanted, answer in (((1.0, 2.0), (1.0, 2.0)), ((2.0, -1.0), (1.0, 0.0))):
         right = table.T @ (table @ torch.tensor(wanted))

@@ -201,10 +201,11 @@ def normals(
     linear: Annotated[bool, typer.Option("--linear", help="One photograph: not sRGB.")] = False,
     json: Json = False,
 ) -> None:
-    """Surface normals from photographs: x right, y up, z to the camera; .npy or .png.
+    """Surface normals from photographs: x right, y up, z to the camera; .npy, .png or .npz.
 
     INPUT is a folder with NNN.png (or .webp ...), mask.png, light_directions.txt and
-    light_intensities.txt, or one image together with --mask.
+    light_intensities.txt, or one image together with --mask. In .npz there are also heights
+    and, of one image, albedo and light.
 
     Example: torchradiometry normals photographs/ --out normals.npy
     """

@@ -15,12 +15,15 @@ decoded. Arrays in memory are linear radiance; only `.png` is tone-mapped.
 
 from __future__ import annotations
 
+import json
 import os
 import struct
 import tempfile
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +48,9 @@ __all__ = [
     "decode_picture",
     "linear_to_srgb",
     "opencv",
+    "read_arrays",
     "read_counts",
+    "read_json",
     "read_picture",
     "srgb_to_linear",
     "write_counts",
@@ -54,6 +59,8 @@ __all__ = [
 
 MAX_BYTES = 2**30
 MAX_PIXELS = 2**27
+#: as Python objects JSON grows about twentyfold
+MAX_JSON = 2**26
 PICTURE_ENDINGS = (".npy", ".exr", ".hdr", ".png")
 
 
@@ -113,6 +120,47 @@ def check_readable(path: str | Path, what: str) -> Path:
             str(path), f"{path.stat().st_size} bytes", f"pass a {what} of at most {MAX_BYTES} bytes"
         )
     return path
+
+
+def read_json(path: str | Path, what: str) -> Any:
+    """What a JSON file of bounded size holds.
+
+    Raises:
+        InputFileError, ResourceLimitError: as `check_readable`; more than `MAX_JSON` bytes.
+        FileFormatError: no JSON, or nested too deep.
+    """
+    path = check_readable(path, what)
+    if path.stat().st_size > MAX_JSON:
+        got = f"{path.stat().st_size} bytes"
+        raise ResourceLimitError(str(path), got, f"pass a {what} of at most {MAX_JSON} bytes")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        got = f"no {what}: no JSON ({type(error).__name__})"
+        raise FileFormatError(str(path), got, "write it again") from error
+
+
+def read_arrays(path: str | Path, what: str, names: Sequence[str]) -> list[NDArray[Any]]:
+    """Arrays of an `.npz` file by name, of at most `MAX_BYTES` together when unpacked.
+
+    Raises:
+        InputFileError, ResourceLimitError: as `check_readable`; too much to unpack.
+        FileFormatError: no such archive, or an array is not in it.
+    """
+    path = check_readable(path, what)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > MAX_BYTES:
+            got = f"{unpacked} bytes when unpacked"
+            raise ResourceLimitError(str(path), got, f"pass a {what} of at most {MAX_BYTES} bytes")
+        with np.load(path, allow_pickle=False) as arrays:
+            return [np.asarray(arrays[name]) for name in names]
+    except ResourceLimitError:
+        raise
+    except Exception as error:
+        got = f"no {what} with {', '.join(names)} ({type(error).__name__})"
+        raise FileFormatError(str(path), got, "save these arrays under their names") from error
 
 
 def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -221,8 +269,11 @@ def write_counts(path: str | Path, counts: NDArray[np.unsignedinteger]) -> Path:
 def _read_npy(path: Path) -> NDArray[np.float32]:
     try:
         array = np.load(path, allow_pickle=False, mmap_mode="r")
-    except (ValueError, EOFError, OSError) as error:
-        raise FileFormatError(str(path), f"no array ({error})", "pass a NumPy .npy file") from error
+    except Exception as error:  # its header is parsed as Python text: tokens and syntax go wrong
+        reason = str(error).partition("\n")[0]
+        raise FileFormatError(
+            str(path), f"no array ({reason})", "pass a NumPy .npy file"
+        ) from error
     _check_pixels(path, array.size)
     return array.astype(np.float32)
 

@@ -15,10 +15,10 @@ from torchradiometry.deploy.normals import (
     angular_error,
     estimate_normals,
     find_model,
-    normals_file,
     write_normals,
 )
 from torchradiometry.deploy.photographs import Photograph, read_photographs
+from torchradiometry.deploy.surfaces import normals_file
 from torchradiometry.deploy.woodham import least_squares_normals
 from torchradiometry.errors import FileFormatError, InputFileError, InvalidValueError, ShapeError
 from torchradiometry.files import read_counts, write_counts

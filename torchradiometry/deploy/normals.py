@@ -15,7 +15,6 @@ References: R. J. Woodham (1980); S. Ikehata, "CNN-PS", ECCV 2018.
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +23,6 @@ from numpy.typing import NDArray
 from torchradiometry.deploy.photographs import (
     Photograph,
     Photographs,
-    find_photograph_sets,
-    read_photograph,
-    read_photographs,
 )
 from torchradiometry.deploy.runtime import Model, open_model, run_model
 from torchradiometry.errors import FileFormatError, InputFileError, InvalidValueError, ShapeError
@@ -36,7 +32,6 @@ __all__ = [
     "angular_error",
     "estimate_normals",
     "find_model",
-    "normals_file",
     "write_normals",
 ]
 
@@ -74,9 +69,16 @@ def estimate_normals(
         FileFormatError: a model with other inputs.
         InvalidValueError: the model gave NaN or infinite numbers.
     """
+    return estimate_both(photographs, model)[0]
+
+
+def estimate_both(
+    photographs: Photographs | Photograph, model: str | Path | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Normals, and the paint that a shading model sees, `H W 3` relative to its mean, or None."""
     if isinstance(photographs, Photographs):
         opened = _opened(model, "photometric", {"intensity", "direction"})
-        return _photometric(photographs, opened)
+        return _photometric(photographs, opened), None
     return _from_one_image(photographs, _opened(model, "shading", {"image", "mask"}))
 
 
@@ -132,63 +134,6 @@ def check_normals_path(path: str | Path) -> None:
         raise InputFileError(str(path), "a folder that does not exist", f"create {path.parent}")
 
 
-def normals_file(
-    source: str | Path,
-    out: str | Path,
-    *,
-    mask: str | Path | None = None,
-    model: str | Path | None = None,
-    linear: bool = False,
-) -> dict[str, object]:
-    """Read photographs, estimate normals, write them, and report: the `normals` command.
-
-    Args:
-        source: a folder of photographs under known lights, or one image with `mask`.
-        out: `.npy` or `.png`.
-        mask: of the one image.
-        model: an ONNX file; by default the shipped one.
-        linear: the one image holds linear counts, not sRGB.
-
-    Returns:
-        `out`, `seconds`, `pixels`, `radiometry` (what was done to the stored counts), `lights`,
-        and `degrees` where a true answer is known.
-
-    Raises:
-        InputFileError: a missing file, folder or mask.
-    """
-    check_normals_path(out)
-    began = time.perf_counter()
-    photographs = _read(Path(source), mask, linear)
-    normals = estimate_normals(photographs, model)
-    write_normals(out, normals)
-    report: dict[str, object] = {
-        "out": str(out),
-        "seconds": time.perf_counter() - began,
-        "pixels": int(photographs.mask.sum()),
-        "radiometry": photographs.radiometry,
-    }
-    if isinstance(photographs, Photographs):
-        report["lights"] = len(photographs.light_directions)
-        if photographs.ground_truth is not None:
-            error = angular_error(normals, photographs.ground_truth, photographs.mask)
-            report["degrees"] = float(error.mean())
-    return report
-
-
-def _read(source: Path, mask: str | Path | None, linear: bool) -> Photographs | Photograph:
-    if not source.exists():
-        raise InputFileError(str(source), "no such file or folder", "name photographs")
-    if source.is_dir():
-        sets = find_photograph_sets(source)
-        if len(sets) > 1:
-            names = ", ".join(found.name for found in sets)
-            raise InputFileError(str(source), f"several sets ({names})", "name one of them")
-        return read_photographs(sets[0])
-    if mask is None:
-        raise InputFileError(str(source), "no mask", "pass --mask, white on the object")
-    return read_photograph(source, mask, linear=linear)
-
-
 def _opened(model: str | Path | None, name: str, wanted: set[str]) -> Model:
     path = find_model(name) if model is None else Path(model)
     opened = open_model(path)
@@ -228,7 +173,9 @@ def _placed(found: NDArray[np.floating], mask: NDArray[np.bool_]) -> NDArray[np.
     return normals
 
 
-def _from_one_image(photograph: Photograph, model: Model) -> NDArray[np.float32]:
+def _from_one_image(
+    photograph: Photograph, model: Model
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Crop to the object, shrink, ask the model, enlarge, put back."""
     box = _box(photograph.mask)
     inside = photograph.mask[box].astype(np.float32)
@@ -245,13 +192,25 @@ def _from_one_image(photograph: Photograph, model: Model) -> NDArray[np.float32]
         "mask": (covered >= 0.5).astype(np.float32)[None, None],
     }
     small["mask"] = np.where(small["mask"].any(), small["mask"], 1).astype(np.float32)
-    found = run_model(model, small)[0]
-    weight = _resized(small["mask"][0, 0], (height, width))
-    larger = np.stack([_resized(part, (height, width)) for part in found[0]], -1)
-    larger = np.where((weight > 0)[..., None], larger, [0, 0, 1])
-    normals = np.zeros((*photograph.mask.shape, 3), dtype=np.float32)
-    normals[box] = larger
-    return _placed(normals[photograph.mask], photograph.mask)
+    found, *paint = run_model(model, small)
+    weight = _resized(small["mask"][0, 0], (height, width))[..., None]
+
+    def enlarged(image: NDArray[np.floating], unknown: list[float]) -> NDArray[np.float64]:
+        """`1 3 h w`, 0 outside the mask, as `pixel 3` of the photograph."""
+        larger = np.stack([_resized(part, (height, width)) for part in image[0]], -1)
+        whole = np.zeros((*photograph.mask.shape, 3))
+        whole[box] = np.where(weight > 0, larger / np.where(weight > 0, weight, 1), unknown)
+        return whole[photograph.mask]
+
+    normals = _placed(enlarged(found, [0, 0, 1]), photograph.mask)
+    if not paint:
+        return normals, None
+    paints = enlarged(paint[0], [1, 1, 1])
+    if not np.isfinite(paints).all() or not paints.mean() > 0:
+        raise InvalidValueError("the model", "no finite, positive albedo", "check the photograph")
+    albedo = np.zeros((*photograph.mask.shape, 3), dtype=np.float32)
+    albedo[photograph.mask] = paints / paints.mean()
+    return normals, albedo
 
 
 def _box(mask: NDArray[np.bool_]) -> tuple[slice, slice]:

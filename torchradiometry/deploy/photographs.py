@@ -26,6 +26,7 @@ uncalibrated photometric stereo", TPAMI 2019; IEC 61966-2-1 (sRGB).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -241,8 +242,10 @@ def _read_mask(path: Path) -> NDArray[np.bool_]:
 def _read_table(path: Path, widths: tuple[int, ...]) -> NDArray[np.float64]:
     check_readable(path, "text file")
     try:
-        table = np.loadtxt(path, ndmin=2, dtype=np.float64)
-    except (ValueError, UnicodeDecodeError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # an empty file: named below
+            table = np.loadtxt(path, ndmin=2, dtype=np.float64)
+    except ValueError as error:
         raise FileFormatError(str(path), f"no table ({error})", "write rows of numbers") from error
     if table.size == 0 or table.shape[1] not in widths:
         raise FileFormatError(

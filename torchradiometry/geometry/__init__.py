@@ -18,6 +18,7 @@ from torchradiometry.geometry.depth import (
 )
 from torchradiometry.geometry.depth_mesh import depth_to_mesh
 from torchradiometry.geometry.directions import local_frame, reflect, spherical_direction
+from torchradiometry.geometry.heights import Heights, normals_to_heights
 from torchradiometry.geometry.meshes import (
     corner_angles,
     face_areas,
@@ -48,6 +49,7 @@ __all__ = [
     "AbstractCamera",
     "DepthToNormals",
     "DepthToPoints",
+    "Heights",
     "HemisphereQuadrature",
     "OrthographicCamera",
     "Patches",
@@ -65,6 +67,7 @@ __all__ = [
     "integrate_hemisphere",
     "local_frame",
     "look_at",
+    "normals_to_heights",
     "points_to_normals",
     "polygon_irradiance",
     "polygon_vector_irradiance",

@@ -14,7 +14,11 @@ middle c of the polygon (p_i = c + q_i, sum e_i = 0):
     sum w_i (p_i x e_i) = sum (w_i - 1/|c|^2) (p_i x e_i) + 1/|c|^2 sum q_i x e_i,
 
 and the difference of weights is formed from |p_i| - |c| = (2 c.q_i + q_i^2) / (|p_i| + |c|)
-and gamma/sin(gamma) - 1 without cancelling. This keeps all digits at any distance.
+and gamma/sin(gamma) - 1 without cancelling. This keeps all digits of Phi at any distance.
+
+n . Phi still cancels where a far polygon is seen at grazing incidence, a near one edge-on, or a
+sliver of one over the horizon. The terms tell; where they are much larger than their sum, the few
+rows concerned are computed again with 32 digits (`careful`).
 
 References: J. H. Lambert, *Photometria* (1760); D. R. Baum, H. E. Rushmeier and J. M. Winget,
 "Improving Radiosity Solutions Through the Use of Analytically Determined Form-Factors",
@@ -24,16 +28,17 @@ Sources", SIGGRAPH 1994, eq. 2 and 3.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
+from torch import Tensor
 
+from torchradiometry.geometry.careful import careful_irradiance, looked_at_twice
 from torchradiometry.geometry.clipping import clip_slots
-from torchradiometry.numerics import angle_of, dot, guarded_divide, safe_sqrt, tiny, wide
+from torchradiometry.numerics import angle_of, guarded_divide, safe_sqrt, tiny, wide
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-    from torch import Tensor
 
 __all__ = ["polygon_irradiance", "polygon_vector_irradiance"]
 
@@ -104,10 +109,12 @@ def polygon_irradiance(
         two_sided: both sides shine; otherwise 0 behind the polygon's plane.
 
     Returns:
-        W/m2 for 1 W/m2/sr, 0...pi.
+        W/m2 for 1 W/m2/sr, 0...pi. Relative error, measured on hard inputs (1e6 sizes away,
+        grazing, cut by the horizon, edge-on at 1e-6 rad, 1e-6 sizes above an edge): at most
+        3e-14 in float64, the rounding of the result in float32; in a graph 2e-6 and 2e-5.
 
     Differentiable in: position, normal, polygon (kinks as in `polygon_vector_irradiance`).
-    Export: compile yes, ONNX yes.
+    Export: compile yes, ONNX yes; a graph has no second look, see above.
     References: Baum et al. (1989), eq. 8.
 
     >>> panel = torch.tensor([[1.0, -1, 1], [-1, -1, 1], [-1, 1, 1], [1, 1, 1]])
@@ -116,16 +123,46 @@ def polygon_irradiance(
     """
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     position, normal, polygon = wide(position, normal, polygon)
-    signed = dot(normal, _vector_irradiance(position, normal, polygon))
+    signed = signed_irradiance(position, normal, polygon, torch.finfo(dtype).eps)
     return (signed.abs() if two_sided else signed.clamp(min=0)).to(dtype)
 
 
-def _vector_irradiance(position: Tensor, normal: Tensor, polygon: Tensor) -> Tensor:
-    """The same in float64, lengths in units of the largest, which cannot overflow.
+def signed_irradiance(
+    position: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+    polygon: Float[Tensor, "*batch corner 3"],
+    rounding: float,
+) -> Float[Tensor, "*batch"]:
+    """n . Phi in float64, < 0 behind the polygon; `rounding` is that of the dtype wanted.
 
-    Components and corners come first inside: whole planes of numbers are combined, which is
-    several times faster than triples of neighbours.
+    Differentiable in, export: as `polygon_irradiance`.
     """
+    prepared = _prepared(position, normal, polygon)
+    phi, size = _contour_integral(prepared.towards, prepared.slots)
+    plain = _dot(prepared.normal.squeeze(1), phi)
+    with torch.no_grad():
+        loss = _loss(prepared, plain, size)
+    rows = (position, 1), (normal, 1), (polygon, 2)
+    return looked_at_twice(plain, loss, rounding, careful_irradiance, *rows)
+
+
+class _Prepared(NamedTuple):
+    """Components first, lengths in units of the largest, the polygon cut at the horizon."""
+
+    normal: Float[Tensor, "3 1 *batch"]
+    towards: Float[Tensor, "3 1 *batch"]
+    slots: Float[Tensor, "3 two_corners *batch"]
+    height: Float[Tensor, "corner *batch"]
+
+
+def _vector_irradiance(position: Tensor, normal: Tensor, polygon: Tensor) -> Tensor:
+    """The vector irradiance in float64."""
+    prepared = _prepared(position, normal, polygon)
+    return _contour_integral(prepared.towards, prepared.slots)[0].movedim(0, -1)
+
+
+def _prepared(position: Tensor, normal: Tensor, polygon: Tensor) -> _Prepared:
+    """Whole planes of numbers are combined inside: several times faster than triples."""
     rank = max(position.ndim, normal.ndim, polygon.ndim - 1)
     position, normal, polygon = (
         t[(None,) * (rank - t.ndim + 1)].movedim((-1, -2), (0, 1)).contiguous()
@@ -138,7 +175,15 @@ def _vector_irradiance(position: Tensor, normal: Tensor, polygon: Tensor) -> Ten
     unit = torch.where(unit > 0, unit, 1)
     towards, offset = towards / unit, offset / unit
     height = _dot(normal, towards) + _dot(normal, offset)
-    return _contour_integral(towards, clip_slots(offset, height)).movedim(0, -1)
+    return _Prepared(normal, towards, clip_slots(offset, height), height)
+
+
+def _loss(prepared: _Prepared, value: Tensor, size: Tensor) -> Float[Tensor, "*batch"]:
+    """How many roundings of itself the sum, or a height over the horizon, may be off by."""
+    normal, towards, _, height = prepared
+    reach = _dot(normal, towards.copysign(normal)).squeeze(0)
+    heights = guarded_divide(reach, height.amax(0).clamp(min=0))
+    return torch.maximum(guarded_divide(size, value.abs()), heights).expand(value.shape)
 
 
 def _dot(a: Float[Tensor, "3 *batch"], b: Float[Tensor, "3 *batch"]) -> Float[Tensor, "*batch"]:
@@ -154,8 +199,12 @@ def _cross(a: Float[Tensor, "3 *batch"], b: Float[Tensor, "3 *batch"]) -> Float[
 
 def _contour_integral(
     towards: Float[Tensor, "3 1 *batch"], offset: Float[Tensor, "3 corner *batch"]
-) -> Float[Tensor, "3 *batch"]:
-    """-1/2 sum w_i (p_i x e_i) of the polygon with corners p_i = towards + offset_i."""
+) -> tuple[Float[Tensor, "3 *batch"], Float[Tensor, "*batch"]]:
+    """-1/2 sum w_i (p_i x e_i) of the polygon with corners p_i = towards + offset_i.
+
+    And, in roundings, what its terms may be off by: p_i x e_i is made of numbers as large as |e_i|,
+    also where the point lies near the line of e_i and it is small.
+    """
     corner = towards + offset
     edge = offset.roll(-1, 1) - offset
     cross = _cross(corner, edge)
@@ -168,7 +217,10 @@ def _contour_integral(
     )
     reference, difference = _weights(towards, offset, length, both, excess)
     area = _cross(offset, edge).sum(1)
-    return -0.5 * ((difference * cross).sum(1) + reference * area)
+    terms = difference * cross
+    with torch.no_grad():
+        size = (difference.abs() * _dot(edge, edge).sqrt()).sum(0) + (reference * area).abs().sum(0)
+    return -0.5 * (terms.sum(1) + reference * area), size
 
 
 def _weights(

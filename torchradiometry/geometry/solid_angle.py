@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from torchradiometry.geometry.careful import careful_solid_angle, looked_at_twice
 from torchradiometry.numerics import angle_of, dot, guarded_divide, safe_norm, safe_sqrt, wide
 
 if TYPE_CHECKING:
@@ -120,6 +121,14 @@ def solid_angle_polygon(
     """
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     position, polygon = wide(position, polygon)
+    plain, loss = _plain_solid_angle(position, polygon)
+    rows = (position, 1), (polygon, 2)
+    rounding = torch.finfo(dtype).eps
+    return looked_at_twice(plain, loss, rounding, careful_solid_angle, *rows).to(dtype)
+
+
+def _plain_solid_angle(position: Tensor, polygon: Tensor) -> tuple[Tensor, Tensor]:
+    """In float64, and how many roundings of itself it may be off by."""
     corner = polygon - position.unsqueeze(-2)
     unit = corner.detach().abs().amax((-2, -1), keepdim=True)
     unit = torch.where(unit > 0, unit, 1)
@@ -127,12 +136,18 @@ def solid_angle_polygon(
     a, b, c = corner[..., :1, :], corner[..., 1:-1, :], corner[..., 2:, :]
     area = torch.linalg.cross(arm[..., :-1, :], arm[..., 1:, :])
     volume = -dot(a, area)
-    fan = 2 * angle_of(volume, _van_oosterom_denominator(a, b, c))
+    below = _van_oosterom_denominator(a, b, c)
+    fan = 2 * angle_of(volume, below)
+    with torch.no_grad():
+        off = below.abs() * area.abs().amax(-1) + 8 * volume.abs()
+        off = 2 * guarded_divide(off, volume * volume + below * below)
     edges = (arm[..., :-1, :], arm[..., 1:, :] - arm[..., :-1, :], -arm[..., 1:, :])
     large = fan.detach().abs() > _LARGE
     fan = torch.where(large, _excess((a, b, c), edges, volume), fan)
     in_plane = (volume == 0).all(-1)
-    return torch.where(in_plane, _winding(corner, area), fan.sum(-1)).to(dtype)
+    found = torch.where(in_plane, _winding(corner, area), fan.sum(-1))
+    loss = guarded_divide(off.sum(-1), found.detach().abs())
+    return found, torch.where(in_plane, 0, loss)
 
 
 def _van_oosterom_denominator(a: Tensor, b: Tensor, c: Tensor) -> Tensor:

@@ -22,6 +22,8 @@ from torchradiometry.learn.data import (
 from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
 from torchradiometry.learn.images import Materials, Observations, observe, random_materials
+from torchradiometry.learn.light import estimate_light
+from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
 from torchradiometry.learn.losses import (
     albedo_loss,
     angle_degrees,
@@ -29,6 +31,7 @@ from torchradiometry.learn.losses import (
     integrability_loss,
     rendering_loss,
 )
+from torchradiometry.learn.mesh_shapes import mesh_shapes
 from torchradiometry.learn.networks import (
     PhotometricNetwork,
     ShadingNetwork,
@@ -41,13 +44,7 @@ from torchradiometry.learn.processes import Processes, joined_processes
 from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining
 from torchradiometry.learn.settings_file import read_training, write_training
 from torchradiometry.learn.shapes import Shapes, height_to_normals, random_shapes
-from torchradiometry.learn.single_images import (
-    ShapeBank,
-    SingleImages,
-    photograph,
-    photograph_shapes,
-    shape_bank,
-)
+from torchradiometry.learn.single_images import SingleImages, photograph, photograph_shapes
 from torchradiometry.learn.stored_samples import StoredSamples, write_samples
 from torchradiometry.learn.training import Machine, Trained, train
 
@@ -75,6 +72,7 @@ __all__ = [
     "angle_degrees",
     "chord_loss",
     "drawn_lights",
+    "estimate_light",
     "evaluate",
     "evaluate_draws",
     "evaluate_folder",
@@ -86,10 +84,12 @@ __all__ = [
     "integrability_loss",
     "joined_processes",
     "least_squares",
+    "light_shapes",
     "load_checkpoint",
     "make_bank",
     "make_shapes",
     "make_surfaces",
+    "mesh_shapes",
     "observation_map",
     "observe",
     "photograph",
@@ -102,7 +102,6 @@ __all__ = [
     "relative_to_mean",
     "rendering_loss",
     "robust_normals",
-    "shape_bank",
     "surface_normals",
     "train",
     "write_samples",

@@ -41,7 +41,7 @@ from torchradiometry.deploy.photographs import (
     read_photographs,
 )
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError, ShapeError
-from torchradiometry.files import check_readable
+from torchradiometry.files import read_arrays
 from torchradiometry.learn.data import Advance
 from torchradiometry.learn.evaluation import Evaluation, evaluate
 
@@ -237,14 +237,10 @@ def geometric_mean(values: Sequence[float]) -> float:
 
 
 def _height(path: Path, size: tuple[int, ...]) -> NDArray[np.float64]:
-    check_readable(path, "file of heights")
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            height = np.asarray(arrays["Z"], dtype=np.float64)
-    except Exception as error:
-        raise FileFormatError(
-            str(path), f"no array Z ({type(error).__name__})", "save H x W heights under that name"
-        ) from error
+    stored = read_arrays(path, "file of heights", ["Z"])[0]
+    if stored.dtype.kind not in "fiu":
+        raise FileFormatError(str(path), f"heights of type {stored.dtype}", "save H x W numbers")
+    height = stored.astype(np.float64)
     if height.shape != size:
         raise ShapeError(str(path), f"Z of shape {height.shape}", f"pass {size} as the mask")
     return height

@@ -81,10 +81,14 @@ def restore_checkpoint(
         raise FileFormatError(
             str(path), "the checkpoint of another training", "resume with the same settings"
         )
-    network.load_state_dict(state["network"])
-    if optimizer is not None:
-        optimizer.load_state_dict(state["optimizer"])
-    return Curve(losses=curve["losses"], degrees=curve["degrees"], seconds=curve["seconds"])
+    try:
+        network.load_state_dict(state["network"])
+        if optimizer is not None:
+            optimizer.load_state_dict(state["optimizer"])
+        return Curve(losses=curve["losses"], degrees=curve["degrees"], seconds=curve["seconds"])
+    except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
+        got = f"weights or a curve that do not fit ({type(error).__name__})"
+        raise FileFormatError(str(path), got, "name one that train() wrote") from error
 
 
 def load_checkpoint(path: str | Path, training: Training) -> nn.Module:

@@ -1,15 +1,16 @@
 """Training samples by number: sample k of a seed is the same in every run and every worker.
 
 `PhotometricSamples` keeps a bank of surfaces with their shadows and bounces and gives each
-training batch new materials, lights, turns and noise. `ShadingSamples` makes whole small
-images of new shapes every time. Both are `torch.utils.data.Dataset`s whose items are ready
+training batch new materials, lights, turns and noise. `ShadingSamples` does the same for whole
+small images. Both are `torch.utils.data.Dataset`s whose items are ready
 batches (use `DataLoader(samples, batch_size=None, num_workers=...)`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 from torch.utils.data import Dataset
@@ -17,14 +18,10 @@ from torch.utils.data import Dataset
 from torchradiometry.errors import IndexRangeError, OutOfRangeError
 from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces
 from torchradiometry.learn.images import Observations, observe
-from torchradiometry.learn.shapes import random_shapes
-from torchradiometry.learn.single_images import (
-    OBJECTS,
-    ShapeBank,
-    SingleImages,
-    photograph,
-    shape_bank,
-)
+from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
+from torchradiometry.learn.mesh_shapes import mesh_shapes
+from torchradiometry.learn.shapes import MARGIN, framed_shapes
+from torchradiometry.learn.single_images import OBJECTS, SingleImages, photograph
 
 __all__ = [
     "Advance",
@@ -149,11 +146,30 @@ class PhotometricSamples(Dataset[Observations]):
         return min(most, int(fewest * ((most + 1) / fewest) ** share))
 
 
-def make_shapes(shapes: int, size: int, seed: int, advance: Advance | None = None) -> ShapeBank:
-    """The shapes of a seed and what they see of the sky; shape k does not depend on how many."""
+def make_shapes(
+    shapes: int,
+    size: int,
+    seed: int,
+    advance: Advance | None = None,
+    meshes: Sequence[str | Path] = (),
+) -> ShapeBank:
+    """The shapes of a seed with their lamps; shape k does not depend on how many there are.
+
+    Args:
+        shapes: how many.
+        size: pixels along an edge.
+        seed: of the shapes.
+        advance: called after each.
+        meshes: files; where there are any, every second shape is one of them.
+    """
     parts = []
     for k in range(shapes):
-        parts.append(shape_bank(random_shapes(1, size, generator_for(seed, 4, k), OBJECTS)))
+        generator = generator_for(seed, 4, k)
+        if meshes and k % 2:
+            made = mesh_shapes(meshes, 1, size, generator, fill=0.5 / (1 + MARGIN))
+        else:
+            made = framed_shapes(1, size, generator, OBJECTS)
+        parts.append(light_shapes(made, generator))
         if advance is not None:
             advance(k + 1, "shapes")
     return ShapeBank(*(torch.cat(each) for each in zip(*parts, strict=True)))
@@ -168,6 +184,7 @@ class ShadingSamples(Dataset[SingleImages]):
         seed: of materials, lights and noise.
         images: images in a batch.
         shadows: shadows of lamps and of the sky.
+        indirect: light that surfaces send each other.
         outline: white objects: nothing but their masks, the control that tells whether shading
             is used.
     """
@@ -179,10 +196,11 @@ class ShadingSamples(Dataset[SingleImages]):
         seed: int,
         images: int = 16,
         shadows: bool = True,
+        indirect: bool = True,
         outline: bool = False,
     ) -> None:
         self.bank, self.batches, self.seed, self.images = bank, batches, seed, images
-        self.shadows, self.outline = shadows, outline
+        self.shadows, self.indirect, self.outline = shadows, indirect, outline
 
     def __len__(self) -> int:
         return self.batches
@@ -191,7 +209,8 @@ class ShadingSamples(Dataset[SingleImages]):
         _check_index(index, self.batches)
         generator = generator_for(self.seed, 3, index)
         which = torch.randint(len(self.bank.mask), (self.images,), generator=generator)
-        made = photograph(ShapeBank(*(p[which] for p in self.bank)), generator, self.shadows)
+        part = ShapeBank(*(each[which] for each in self.bank))
+        made = photograph(part, generator, self.shadows, self.indirect)
         if self.outline:
             made = made._replace(image=made.mask.repeat(1, 3, 1, 1))
         return made

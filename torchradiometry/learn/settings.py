@@ -85,7 +85,9 @@ class ShadingTraining:
         images: images in a batch.
         size: pixels along their edge.
         shapes: how many different shapes.
+        meshes: files whose shapes every second one is; none: random shapes alone.
         shadows: shadows of lamps and of the sky.
+        indirect: light that surfaces send each other.
         outline: show the network nothing but outlines: the control.
         features: channels of the network.
         rate: peak learning rate.
@@ -98,7 +100,9 @@ class ShadingTraining:
     images: int = 16
     size: int = 64
     shapes: int = 1500
+    meshes: tuple[str, ...] = ()
     shadows: bool = True
+    indirect: bool = True
     outline: bool = False
     features: int = 32
     rate: float = 1.5e-3
@@ -116,8 +120,9 @@ class ShadingTraining:
 
     def samples(self, advance: Advance | None = None) -> ShadingSamples:
         """The batches of this seed; making the shapes is the long part."""
-        bank = make_shapes(self.shapes, self.size, self.seed, advance)
-        return ShadingSamples(bank, self.steps, self.seed, self.images, self.shadows, self.outline)
+        bank = make_shapes(self.shapes, self.size, self.seed, advance, self.meshes)
+        effects = (self.shadows, self.indirect, self.outline)
+        return ShadingSamples(bank, self.steps, self.seed, self.images, *effects)
 
     def surfaces_made(self) -> int:
         """How many surfaces `samples` makes before the first batch."""

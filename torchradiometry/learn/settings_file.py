@@ -46,8 +46,8 @@ def read_training(path: str | Path) -> Training:
     path = check_readable(path, "settings file")
     try:
         table = _tomllib().loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError are both
-        reason = str(error).splitlines()[0]
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
+        reason = str(error).partition("\n")[0]
         raise FileFormatError(str(path), f"no TOML ({reason})", "write key = value") from error
     return training_from_table(table, str(path))
 

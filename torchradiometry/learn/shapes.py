@@ -29,13 +29,18 @@ from torch import Tensor
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import points_to_normals
 from torchradiometry.learn.solids import grid, lathe, limbs, sheets, stones, uniform
+from torchradiometry.numerics import guarded_divide
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["FAMILIES", "Shapes", "height_to_normals", "random_shapes"]
+__all__ = ["FAMILIES", "Shapes", "framed_shapes", "height_to_normals", "random_shapes"]
 
 FAMILIES = ("blobs", "ellipsoids", "reliefs", "carved", "limbs", "lathe", "stones", "sheets")
+
+
+#: margin around a framed shape, of its size; and how often one that is cut is drawn again
+MARGIN, REDRAWN = 0.12, 8
 
 
 class Shapes(NamedTuple):
@@ -84,7 +89,70 @@ def random_shapes(
     made = [MAKERS[families[k]](size, generator) for k in choice]
     height = torch.stack([height for height, _ in made])
     inside = torch.stack([mask for _, mask in made])
-    return _finished(height, inside)
+    return finished(height, inside)
+
+
+def framed_shapes(
+    count: int, size: int, generator: torch.Generator, families: Sequence[str] = FAMILIES
+) -> Shapes:
+    """`count` random shapes, each a whole object that fills the image but for a small margin.
+
+    They are made at twice the resolution, drawn again while they reach over the border, cropped to
+    their box, and averaged down: as a photograph is framed before a network sees it.
+
+    Args:
+        count: how many, >= 1.
+        size: pixels along an edge, >= 16.
+        generator: the source of chance; the same state gives the same shapes.
+        families: which of `FAMILIES` to draw from.
+
+    Returns:
+        Heights, normals and masks.
+
+    Raises:
+        OutOfRangeError: a count below 1, a size below 16 or an unknown family.
+
+    >>> mask = framed_shapes(1, 36, torch.Generator().manual_seed(0), ["lathe"]).mask[0]
+    >>> rows, columns = (int(mask.any(axis).sum()) for axis in (1, 0))
+    >>> 28 <= max(rows, columns) <= 34
+    True
+    """
+    made = [_framed(*_whole(size, generator, families), size) for _ in range(max(1, count))]
+    found = Shapes(*(torch.cat(parts) for parts in zip(*made, strict=True)))
+    return found if count > 0 else random_shapes(count, size, generator, families)  # says why not
+
+
+def _whole(size: int, generator: torch.Generator, families: Sequence[str]) -> tuple[Tensor, Tensor]:
+    """Height and place of a shape that the border does not cut, if one comes in a few draws."""
+    for _ in range(REDRAWN):
+        shape = random_shapes(1, 2 * size, generator, families)
+        rim = torch.cat([shape.mask[0, [1, -2]].flatten(), shape.mask[0, :, [1, -2]].flatten()])
+        if not bool(rim.any()):
+            break
+    inside = torch.nn.functional.max_pool2d(shape.mask.float(), 3, stride=1, padding=1)
+    return shape.height[0], inside[0] > 0
+
+
+def _framed(height: Tensor, inside: Tensor, size: int) -> Shapes:
+    """Cropped to what is inside, with a margin, and averaged to `size x size`."""
+    rows, columns = (inside.any(axis).nonzero().flatten() for axis in (1, 0))
+    top, left = int(rows[0]), int(columns[0])
+    tall, wide = int(rows[-1]) + 1 - top, int(columns[-1]) + 1 - left
+    edge = max(tall, wide) * (1 + MARGIN)
+    reach = 1.5 * max(1, edge / size)  # narrower, the shares of a pixel's neighbours would ripple
+    spot = (torch.arange(size) + 0.5) / size * edge - edge / 2
+    down, across = spot + top + tall / 2, spot + left + wide / 2
+    weight = [
+        (1 - (torch.arange(n) + 0.5 - at.unsqueeze(1)).abs() / reach).clamp(min=0)
+        for n, at in zip(height.shape, (down, across), strict=True)
+    ]
+    share, total = (
+        weight[0] @ image @ weight[1].mT
+        for image in (inside.float(), torch.where(inside, height, 0))
+    )
+    scaled = guarded_divide(total, share) * (size / edge)
+    covered = share > 0.5 * weight[0].sum(1, keepdim=True) * weight[1].sum(1)
+    return finished(scaled[None], covered[None])
 
 
 def height_to_normals(
@@ -102,7 +170,7 @@ def height_to_normals(
     return points_to_normals(points)
 
 
-def _finished(height: Tensor, inside: Tensor) -> Shapes:
+def finished(height: Tensor, inside: Tensor) -> Shapes:
     """Heights below the object pushed down, normals, and the mask without its outermost pixel."""
     normal = height_to_normals(height)
     outside = (~inside).to(height.dtype).unsqueeze(1)

@@ -1,20 +1,28 @@
 """Training images for shape from shading: one photograph of one shape.
 
-    L = PhongShading(albedo, highlight; a key light with its cast shadow, a weaker fill)
-        + albedo/pi V_sky E_sh(n)
+    L = (f_d + f_s) (sum over two lamps l of  E_l mu_l V_l)
+        + albedo/pi (sum over l of  R_l  +  V_sky' E_sh(n))
 
-E_sh is the irradiance of natural light (nine spherical harmonics), V_sky the share of the sky that
-a pixel sees (`AmbientOcclusion`). Lamps in a dark room, lamps in a lit one, and natural light alone
-occur. The albedo is painted: a few colours with sharp borders, and stains. Colour tells paint
-from shading: a border between colours bends no surface, and shading has one colour.
+A Blinn-Phong surface (`PhongShading`) under two of its shape's lamps, near or distant, with their
+shadows V_l and bounces R_l, and in natural light: E_sh is its irradiance (nine spherical
+harmonics). Lamps in a dark room, lamps in a lit one, and natural light alone occur. All further
+bounces are geometric series in the object's mean albedo r, with the share 1 - V_sky of a bounce
+that meets the object again:
 
-A shape and what it sees of the sky are made once (`ShapeBank`) and photographed many times, turned,
-mirrored, and with new paint, lights and camera.
+    R_l = r E_1l / (1 - r (1 - V_sky)),    V_sky' = V_sky / (1 - r (1 - V_sky)).
+
+The albedo is painted: a few colours with sharp borders, stains, and prints (small marks in one
+ink). Colour tells paint from shading: a border between colours bends no surface, and shading has
+one colour.
+
+A shape, its lamps and what it sees of them are made once (`lit_shapes`) and photographed many
+times, turned, mirrored, and with new paint, lights and camera.
 
 References: B. K. P. Horn, "Obtaining shape from shading information" (1975); J. T. Barron and
 J. Malik, "Shape, illumination, and reflectance from shading", TPAMI 2015 (single images); R.
 Grosse et al., "Ground truth dataset and baseline evaluations for intrinsic image algorithms",
-ICCV 2009 (painted objects).
+ICCV 2009 (painted objects); A. J. Stewart and M. S. Langer, "Towards accurate recovery of shape
+from shading under diffuse lighting", TPAMI 19 (1997) (bounces in what sees less of the sky).
 """
 
 from __future__ import annotations
@@ -25,39 +33,24 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.learn.geometry_bank import random_lights
-from torchradiometry.learn.shapes import FAMILIES, Shapes, height_to_normals, random_shapes
+from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes, places, turned_shapes
+from torchradiometry.learn.shapes import FAMILIES, framed_shapes, height_to_normals
 from torchradiometry.materials.blinn_phong import BlinnPhong
-from torchradiometry.shade.ambient_occlusion import AmbientOcclusion
+from torchradiometry.numerics import guarded_divide
 from torchradiometry.shade.lambertian import LambertianShading
 from torchradiometry.shade.phong import PhongShading
-from torchradiometry.sources.directional import DirectionalSource
 from torchradiometry.sources.harmonics import HarmonicSource
-from torchradiometry.transport.height_field import height_field_visibility
+from torchradiometry.sources.point import PointSource
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
+    from jaxtyping import Float
 
-__all__ = ["ShapeBank", "SingleImages", "photograph", "photograph_shapes", "shape_bank"]
+__all__ = ["SingleImages", "photograph", "photograph_shapes"]
 
 #: a relief fills the image and has no outline
 OBJECTS = tuple(family for family in FAMILIES if family != "reliefs")
-#: shares of images of one colour, without lamps, and with highlights
-PLAIN, NATURAL, GLOSSY = 0.25, 0.3, 0.4
-
-
-class ShapeBank(NamedTuple):
-    """Shapes and what they see of the sky.
-
-    Attributes:
-        height: pixels, towards the camera.
-        mask: True on the object.
-        sky: share of the sky that is seen, weighted by the cosine, 0..1.
-    """
-
-    height: Float[Tensor, "shape H W"]
-    mask: Bool[Tensor, "shape H W"]
-    sky: Float[Tensor, "shape H W"]
+#: shares of images of one colour, without lamps, with highlights, and with prints
+PLAIN, NATURAL, GLOSSY, PRINTED = 0.25, 0.25, 0.4, 0.3
 
 
 class SingleImages(NamedTuple):
@@ -76,15 +69,12 @@ class SingleImages(NamedTuple):
     albedo: Float[Tensor, "B 3 H W"]
 
 
-def shape_bank(shapes: Shapes) -> ShapeBank:
-    """What the shapes see of the sky, by `AmbientOcclusion`."""
-    depth = torch.where(shapes.mask, -shapes.height, torch.nan).unsqueeze(1)
-    sky, _ = AmbientOcclusion(azimuths=8, pixel_size=1.0)(depth)
-    return ShapeBank(shapes.height, shapes.mask, sky.squeeze(1))
-
-
 def photograph_shapes(
-    images: int, size: int, generator: torch.Generator, shadows: bool = True
+    images: int,
+    size: int,
+    generator: torch.Generator,
+    shadows: bool = True,
+    indirect: bool = True,
 ) -> SingleImages:
     """`images` new random shapes, each under its own light, photographed.
 
@@ -92,44 +82,58 @@ def photograph_shapes(
         images: how many.
         size: pixels along an edge.
         generator: the source of chance.
-        shadows: let the key light and the sky be hidden.
+        shadows: let lamps and sky be hidden.
+        indirect: let surfaces light each other.
     """
-    bank = shape_bank(random_shapes(images, size, generator, OBJECTS))
-    return photograph(bank, generator, shadows)
+    bank = light_shapes(framed_shapes(images, size, generator, OBJECTS), generator)
+    return photograph(bank, generator, shadows, indirect)
 
 
-def photograph(bank: ShapeBank, generator: torch.Generator, shadows: bool = True) -> SingleImages:
+def photograph(
+    bank: ShapeBank, generator: torch.Generator, shadows: bool = True, indirect: bool = True
+) -> SingleImages:
     """One photograph of every shape of a bank; see `photograph_shapes`."""
-    bank = _turned(bank, generator)
+    bank = turned_shapes(bank, generator)
     images, size = len(bank.height), bank.height.shape[-1]
     mask = bank.mask.unsqueeze(1).float()
     normal = height_to_normals(bank.height) * mask
-    light = torch.stack([random_lights(2, generator) for _ in range(images)])
-    seen, sky = torch.ones(images, 2, size, size), torch.ones(images, 1, size, size)
-    if shadows:
-        seen[:, :1] = height_field_visibility(bank.height, light[:, :1]).transpose(0, 1)
-        sky = bank.sky.unsqueeze(1)
+    kept = torch.rand(images, bank.lamp.shape[1], generator=generator).argsort(1)[:, :2]
+    which = torch.arange(images).unsqueeze(1)
+    seen, sky = bank.visibility[which, kept].float(), bank.sky.unsqueeze(1)
     albedo = _painted(images, size, generator)
-    radiance = _shaded(normal, albedo, light, seen, sky, generator) * mask
+    around = guarded_divide(
+        (albedo * mask).sum((-2, -1), keepdim=True), mask.sum((-2, -1), keepdim=True)
+    )
+    again = 1 / (1 - around * (1 - sky))
+    light = Light(
+        bank.lamp[which, kept],
+        seen if shadows else torch.ones_like(seen),
+        bank.bounce[which, kept].float().unsqueeze(2) * (around * again).unsqueeze(1) * indirect,
+        (sky if shadows else torch.ones_like(sky)) * (again if indirect else 1),
+    )
+    radiance = _shaded(normal, places(bank.height), albedo, light, generator) * mask
     made = (_exposed(radiance, mask, generator), mask, normal, albedo * mask)
     return SingleImages(*(part.contiguous() for part in made))
 
 
-def _turned(bank: ShapeBank, generator: torch.Generator) -> ShapeBank:
-    """Every shape by the same multiple of 90 degrees, mirrored or not."""
-    turn = int(torch.randint(0, 4, (), generator=generator))
-    mirror = bool(torch.randint(0, 2, (), generator=generator))
-    parts = [torch.rot90(part, turn, (-2, -1)) for part in bank]
-    return ShapeBank(*(part.flip(-1) if mirror else part for part in parts))
+class Light(NamedTuple):
+    """What reaches each pixel of a photograph.
+
+    Attributes:
+        lamp: places of the lamps, pixels.
+        seen: share of each lamp.
+        sent: irradiance from other parts of the object, per unit of the lamp's in the middle.
+        sky: share of natural light, with its bounces.
+    """
+
+    lamp: Float[Tensor, "B lamp 3"]
+    seen: Float[Tensor, "B lamp H W"]
+    sent: Float[Tensor, "B lamp 3 H W"]
+    sky: Float[Tensor, "B 3 H W"]
 
 
 def _shaded(
-    normal: Tensor,
-    albedo: Tensor,
-    light: Tensor,
-    seen: Tensor,
-    sky: Tensor,
-    generator: torch.Generator,
+    normal: Tensor, points: Tensor, albedo: Tensor, light: Light, generator: torch.Generator
 ) -> Float[Tensor, "B 3 H W"]:
     images = len(normal)
 
@@ -142,11 +146,16 @@ def _shaded(
     power = torch.where(natural, 0, power) * tint[:, :2]
     strength = torch.where(natural, 1, uniform(-0.1, 0.3, 1, 1).clamp(min=0))
     gloss = torch.where(uniform(0, 1, 1, 1, 1) < GLOSSY, uniform(0.02, 0.25, 1, 1, 1), 0)
-    shininess = (2 ** uniform(2, 8, 1, 1, 1)).expand_as(sky)
-    lamps = PhongShading(BlinnPhong, DirectionalSource(light, power))
-    lit = lamps(normal, albedo, gloss.expand_as(albedo), shininess, visibility=seen)
+    shininess = (2 ** uniform(2, 8, 1, 1, 1)).expand_as(albedo[:, :1])
+    far = light.lamp.square().sum(-1, keepdim=True)
+    lamps = PhongShading(BlinnPhong, PointSource(light.lamp, power * far))
+    to_camera = normal.new_tensor([0.0, 0.0, 1.0]).reshape(1, 3, 1, 1).expand_as(normal)
+    surface = (normal, albedo, gloss.expand_as(albedo), shininess)
+    lit = lamps(*surface, None, points, light.seen, to_camera)
+    sent = (light.sent * power[..., None, None]).sum(1)
     around = HarmonicSource((_environment(images, generator) * strength * tint[:, 2:]).unsqueeze(1))
-    return lit + LambertianShading(around)(normal, albedo) * sky
+    sky = LambertianShading(around)(normal, albedo) * light.sky
+    return lit + albedo / math.pi * sent + sky
 
 
 def _environment(images: int, generator: torch.Generator) -> Float[Tensor, "B 9 1"]:
@@ -171,7 +180,7 @@ def _painted(images: int, size: int, generator: torch.Generator) -> Float[Tensor
     palette = grey * torch.exp(vivid - vivid.mean(-1, keepdim=True))
     count = 1 + torch.floor(uniform(0, colours, 1))
     count = torch.where(uniform(0, 1, 1) < PLAIN, 1, count).reshape(-1, 1, 1, 1)
-    fields = torch.cat([_smooth_noise(images, colours, size, k, generator) for k in (4, 9)], 1)
+    fields = torch.cat([_smooth_noise(images, colours, size, (k, k), generator) for k in (4, 9)], 1)
     mix = uniform(0, 1, 1, 1, 1)
     level = mix * fields[:, :colours] + (1 - mix) * fields[:, colours:]
     absent = torch.arange(colours).reshape(1, -1, 1, 1) >= count
@@ -179,16 +188,43 @@ def _painted(images: int, size: int, generator: torch.Generator) -> Float[Tensor
     share = torch.softmax(torch.where(absent, -torch.inf, level) * sharp, 1)
     paint = torch.einsum("bkhw,bkc->bchw", share, palette)
     stains = torch.exp(
-        _smooth_noise(images, 1, size, 16, generator) * uniform(-0.05, 0.12, 1, 1, 1).clamp(min=0)
+        _smooth_noise(images, 1, size, (16, 16), generator)
+        * uniform(-0.05, 0.12, 1, 1, 1).clamp(min=0)
     )
-    return (paint * stains).clamp(0.02, 0.95)
+    return _printed(paint * stains, generator).clamp(0.02, 0.95)
+
+
+def _printed(
+    paint: Float[Tensor, "B 3 H W"], generator: torch.Generator
+) -> Float[Tensor, "B 3 H W"]:
+    """Small marks in one ink on parts of some objects, drawn out along the image's axes or not."""
+    images, size = len(paint), paint.shape[-1]
+
+    def uniform(low: float, high: float, *shape: int) -> Tensor:
+        return low + (high - low) * torch.rand(images, *shape, generator=generator)
+
+    fine = torch.stack(
+        [
+            _smooth_noise(images, 1, size, cells, generator)
+            for cells in ((32, 32), (20, 20), (10, 40), (40, 10), (3, 24), (24, 3))
+        ]
+    )
+    kind = torch.randint(len(fine), (images,), generator=generator)
+    chosen = fine[kind, torch.arange(images)]
+    where = _smooth_noise(images, 1, size, (4, 4), generator) > uniform(-1.5, 1, 1, 1, 1)
+    there = where & (uniform(0, 1, 1, 1, 1) < PRINTED)
+    ink = torch.sigmoid(8 * (chosen - uniform(0, 1, 1, 1, 1))) * there
+    colour = 2 ** uniform(-4.5, 0, 1, 1, 1) * torch.exp(
+        0.4 * torch.randn(images, 3, 1, 1, generator=generator)
+    )
+    return paint + (colour - paint) * ink
 
 
 def _smooth_noise(
-    images: int, fields: int, size: int, cells: int, generator: torch.Generator
+    images: int, fields: int, size: int, cells: tuple[int, int], generator: torch.Generator
 ) -> Tensor:
-    """Noise of a few grid cells across, standard deviation about 1."""
-    coarse = torch.randn(images, fields, cells, cells, generator=generator)
+    """Noise of a few rows and columns of cells, standard deviation about 1."""
+    coarse = torch.randn(images, fields, *cells, generator=generator)
     return torch.nn.functional.interpolate(coarse, size=(size, size), mode="bicubic")
 
 

@@ -25,7 +25,13 @@ from torchradiometry.errors import (
     IndexRangeError,
     InputFileError,
 )
-from torchradiometry.files import atomic_path, check_folder_place, check_readable, clear_half_files
+from torchradiometry.files import (
+    atomic_path,
+    check_folder_place,
+    clear_half_files,
+    read_arrays,
+    read_json,
+)
 from torchradiometry.learn.data import Advance
 from torchradiometry.learn.images import Observations
 from torchradiometry.learn.settings import Training
@@ -41,7 +47,7 @@ BATCHES: dict[str, type[Observations] | type[SingleImages]] = {
     "shading": SingleImages,
 }
 #: of the layout of the folder
-LAYOUT = 1
+LAYOUT = 2
 
 
 class StoredSamples(Dataset[Batch]):
@@ -76,14 +82,13 @@ class StoredSamples(Dataset[Batch]):
     def __getitem__(self, index: int) -> Batch:
         if not 0 <= index < len(self):
             raise IndexRangeError("index", str(index), f"use 0..{len(self) - 1}")
-        path, kind = check_readable(_item(self.folder, index), "batch"), BATCHES[self.kind]
+        path, kind = _item(self.folder, index), BATCHES[self.kind]
+        arrays = read_arrays(path, "batch", kind._fields)
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                return kind(*(torch.from_numpy(arrays[name]) for name in kind._fields))
-        except Exception as error:
-            raise FileFormatError(
-                str(path), f"no batch ({type(error).__name__})", "delete it and write it again"
-            ) from error
+            return kind(*map(torch.from_numpy, arrays))
+        except TypeError as error:
+            got = f"no batch ({type(error).__name__})"
+            raise FileFormatError(str(path), got, "delete it and write it again") from error
 
 
 def write_samples(
@@ -144,9 +149,9 @@ def _write_item(path: Path, batch: Batch) -> None:
 
 
 def _read_manifest(folder: Path) -> Training:
-    path = check_readable(folder / "manifest.json", "data set's manifest")
+    path = folder / "manifest.json"
+    manifest = read_json(path, "data set's manifest")
     try:
-        manifest = json.loads(path.read_text())
         layout, table = manifest["layout"], manifest["training"]
     except (ValueError, KeyError, TypeError) as error:
         raise FileFormatError(

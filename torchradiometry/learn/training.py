@@ -110,7 +110,9 @@ def train(
     """
     began = time.perf_counter()
     machine = machine or Machine()
-    network = training.network().to(machine.device)
+    # channels last: in bfloat16 the convolutions are then twice as fast
+    network: nn.Module = training.network().to(machine.device)
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimizer = torch.optim.AdamW(network.parameters(), lr=training.rate, weight_decay=1e-4)
     curve = Curve(losses=[], degrees=[], seconds=0.0)
     if resume and checkpoint is not None and Path(checkpoint).exists():

@@ -20,7 +20,7 @@ from pathlib import Path
 import torch
 
 from torchradiometry.errors import FileFormatError
-from torchradiometry.files import atomic_path, check_readable
+from torchradiometry.files import atomic_path, read_json
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.ambient import POINTS as SAMPLE
 from torchradiometry.render.ambient import RAYS
@@ -110,9 +110,9 @@ class Costs:
             InputFileError, FileFormatError: no such file, or not of this kind.
         """
         try:
-            found = json.loads(check_readable(path, "prices").read_text())["prices"]
+            found = read_json(path, "prices")["prices"]
             prices = {name: float(found[name]) for name in DEFAULT}
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise FileFormatError(str(path), "no prices", "calibrate again") from error
         if not all(0 <= price < math.inf for price in prices.values()):
             raise FileFormatError(str(path), "prices that are no numbers", "calibrate again")

@@ -27,7 +27,7 @@ from torchradiometry.errors import (
     OutOfRangeError,
     ShapeError,
 )
-from torchradiometry.files import atomic_path, check_readable
+from torchradiometry.files import atomic_path, read_json
 from torchradiometry.materials.lobes import AbstractLobe
 from torchradiometry.materials.phong import Phong
 from torchradiometry.plan.depth_pilot import DepthLevel, DepthMaps, depth_levels
@@ -247,9 +247,8 @@ class DepthPlan:
         Raises:
             FileFormatError: another file.
         """
-        text = check_readable(path, "plan").read_text()
+        found = read_json(path, "plan of depth maps")
         try:
-            found = json.loads(text)
             rows = tuple(
                 tuple(
                     DepthRow(
@@ -263,7 +262,7 @@ class DepthPlan:
             )
             plan = cls(rows, float(found["tolerance"]))
             _ = plan.settings
-        except (ValueError, KeyError, TypeError, IndexError) as error:
+        except (ValueError, LookupError, TypeError, ArithmeticError, AttributeError) as error:
             mend = "pass a file that DepthPlan.save wrote"
             raise FileFormatError(str(path), f"no plan of depth maps ({error})", mend) from error
         return plan

@@ -19,7 +19,7 @@ from torchradiometry.errors import (
     IndexRangeError,
     OutOfRangeError,
 )
-from torchradiometry.files import atomic_path, check_readable
+from torchradiometry.files import atomic_path, read_json
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.plan.shader import PlannedShader
 from torchradiometry.render.settings import RenderSettings
@@ -228,8 +228,8 @@ class Plan:
             InputFileError, FileFormatError: no such file, or no plan in it.
         """
         try:
-            return cls.from_dict(json.loads(check_readable(path, "plan").read_text()))
-        except (ValueError, KeyError, TypeError, IndexError) as error:
+            return cls.from_dict(read_json(path, "plan"))
+        except (ValueError, LookupError, TypeError, ArithmeticError, AttributeError) as error:
             raise FileFormatError(str(path), "no plan", "save one with `Plan.save`") from error
 
     @classmethod

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from torch import Tensor
 
-__all__ = ["direction_and_length", "sample_rows"]
+__all__ = ["direction_and_length", "sample_rows", "summed"]
 
 #: The rounding of `wi` is repaired in E_facing only within this factor, so that a different
 #: order of summation in the shader cannot blow it up at grazing incidence.
@@ -57,6 +57,26 @@ def direction_and_length(
     rounded = dot(normal.to(dtype), direction).double()
     repair = guarded_divide(dot(normal, exact), rounded, 1.0).detach().clamp(1 / _REPAIR, _REPAIR)
     return direction, (length * repair).to(dtype)
+
+
+def summed(
+    received: Float[Tensor, "light *batch point"],
+    radiance: Float[Tensor, "light *batch 1 channel"],
+    visibility: Float[Tensor, "light *batch point"] | None,
+) -> Float[Tensor, "*batch point channel"]:
+    """E = sum over lights of L n . Phi V, without the detour by a direction, W/m2.
+
+    Args:
+        received: n . Phi of each light, sr.
+        radiance: W/m2/sr.
+        visibility: 0..1.
+
+    Differentiable in: all.
+    Export: compile yes, ONNX yes.
+    """
+    if visibility is not None:
+        received = received * visibility
+    return (received.unsqueeze(-1) * radiance).sum(0)
 
 
 def sample_rows(

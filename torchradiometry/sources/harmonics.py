@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "HarmonicSource",
+    "cosine_coefficients",
     "harmonic_arrival",
     "harmonic_basis",
     "project_harmonics",
@@ -77,6 +78,11 @@ def harmonic_basis(direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batc
     shape = (one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, (x - y) * (x + y))
     norm = torch.tensor(_NORM, dtype=direction.dtype, device=direction.device)
     return torch.stack(shape, -1) * norm
+
+
+def cosine_coefficients(like: Tensor) -> Float[Tensor, "9"]:
+    """A_l of the nine, in sr: irradiance per radiance; dtype and device of `like`."""
+    return torch.tensor(_COSINE, dtype=like.dtype, device=like.device)
 
 
 def project_harmonics(
@@ -127,8 +133,7 @@ def harmonic_arrival(
     """
     require_floating("normal", normal)
     inner, coefficients = single(normal, coefficients)
-    cosine = torch.tensor(_COSINE, dtype=inner.dtype, device=inner.device)
-    kernel = (harmonic_basis(inner) * cosine).unsqueeze(-1)
+    kernel = (harmonic_basis(inner) * cosine_coefficients(inner)).unsqueeze(-1)
     held = light_first(coefficients.flatten(-2), normal)
     held = held.unflatten(-1, (9, coefficients.shape[-1]))
     irradiance = narrow((kernel * held).sum(-2).clamp(min=0), normal.dtype)

@@ -27,7 +27,10 @@ from torchradiometry.errors import (
     require_floating,
 )
 from torchradiometry.geometry.patches import vector_area
-from torchradiometry.geometry.polygon_irradiance import polygon_vector_irradiance
+from torchradiometry.geometry.polygon_irradiance import (
+    polygon_irradiance,
+    polygon_vector_irradiance,
+)
 from torchradiometry.geometry.triangulation import triangulate_polygon
 from torchradiometry.numerics import (
     dot,
@@ -42,6 +45,7 @@ from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.extended import (
     direction_and_length,
     sample_rows,
+    summed,
 )
 
 if TYPE_CHECKING:
@@ -316,6 +320,19 @@ class PolygonSource(AbstractSource):
             held = (self.radiance, position, normal, self.two_sided)
             return polygon_samples(self.corners, places, *held)
         return polygon_arrival(self.corners, self.radiance, position, normal, self.two_sided)
+
+    def irradiance_on(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+        visibility: Float[Tensor, "light *batch point"] | None = None,
+    ) -> Float[Tensor, "*batch point channel"]:
+        if self.samples > 1:
+            return super().irradiance_on(position, normal, visibility)
+        position = self._near(position)
+        outline = _corners_first(self.corners, position)
+        received = polygon_irradiance(position, normal, outline, self.two_sided)
+        return summed(received, light_first(self.radiance, position), visibility)
 
     def extra_repr(self) -> str:
         return (

@@ -24,12 +24,13 @@ Using Fibonacci and Latitude-Longitude Lattices", Math. Geosci. 42 (2010), for t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, NamedTuple, final
 
 import torch
 from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError, require_floating
+from torchradiometry.geometry.careful import looked_at_twice
 from torchradiometry.numerics import (
     angle_of,
     dot,
@@ -42,18 +43,21 @@ from torchradiometry.numerics import (
     wide,
 )
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
+from torchradiometry.sources.careful_sphere import careful_sphere
 from torchradiometry.sources.extended import (
     direction_and_length,
     sample_rows,
+    summed,
 )
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Bool, Float
 
 __all__ = [
     "SphereSource",
     "fibonacci_directions",
     "sphere_arrival",
+    "sphere_irradiance",
     "sphere_samples",
     "sphere_vector_irradiance",
 ]
@@ -89,23 +93,86 @@ def sphere_vector_irradiance(
     tensor([0.0000, 0.0000, 0.2500])
     """
     dtype = torch.promote_types(offset.dtype, radius.dtype)
+    seen = _seen(*wide(offset, normal, radius))
+    upright, forward = _cut_components(seen)
+    level = seen.towards - seen.cosine.unsqueeze(-1) * seen.up
+    along = guarded_divide(forward, torch.where(seen.cut, seen.lateral, 1)).unsqueeze(-1) * level
+    pi = _pi(seen.s)
+    whole = (pi * torch.where(seen.cosine > 0, seen.s * seen.s, 0)).unsqueeze(-1) * seen.towards
+    phi = torch.where(seen.cut.unsqueeze(-1), upright.unsqueeze(-1) * seen.up + along, whole)
+    return torch.where(seen.inside.unsqueeze(-1), pi * seen.up, phi).to(dtype)
+
+
+def sphere_irradiance(
+    offset: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+    radius: Float[Tensor, "*batch"],
+) -> Float[Tensor, "*batch"]:
+    """Irradiance of a sphere of unit radiance: n . Phi, which would cancel at grazing incidence.
+
+    Args:
+        offset, normal, radius: as of `sphere_vector_irradiance`.
+
+    Returns:
+        W/m2 for 1 W/m2/sr, 0...pi. Relative error, measured on spheres of 1e-6 rad to ones that are
+        touched, cut by the horizon or at grazing incidence: at most 2e-14 in float64, the rounding
+        of the result in float32; in a graph 1e-8, and 6e-8 from float32.
+
+    Differentiable in: offset, normal, radius (smooth at the horizon; jump on the surface).
+    Export: compile yes, ONNX yes; a graph has no second look.
+    References: Snyder (1996), 3.3.
+
+    >>> up = torch.tensor([0.0, 0.0, 1.0])
+    >>> sphere_irradiance(2 * up, up, torch.tensor(1.0)) / torch.pi
+    tensor(0.2500)
+    """
+    dtype = torch.promote_types(offset.dtype, radius.dtype)
     offset, normal, radius = wide(offset, normal, radius)
-    distance = safe_norm(offset)
-    inside = (distance < radius) | (distance == 0)
-    towards = safe_normalize(offset)
-    cosine = dot(normal, towards)
-    level = towards - cosine.unsqueeze(-1) * normal
-    lateral = safe_norm(level)
-    s = guarded_divide(radius, torch.where(inside, 0, distance))
-    cut = (cosine.abs() < s) & (lateral > 0)
-    upright, forward = _cut_components(
-        torch.where(cut, s, 0.5), torch.where(cut, cosine, 0), torch.where(cut, lateral, 1)
+    seen = _seen(offset, normal, radius)
+    pi, length = _pi(seen.s), safe_norm(normal)
+    whole = pi * seen.s * seen.s * seen.cosine.clamp(min=0)
+    found = torch.where(seen.cut, _cut_components(seen)[0], whole)
+    found = torch.where(seen.inside, pi, found) * length
+    rows = (offset, 1), (normal, 1), (radius, 0)
+    return looked_at_twice(found, _loss(seen), torch.finfo(dtype).eps, careful_sphere, *rows).to(
+        dtype
     )
-    along = guarded_divide(forward, torch.where(cut, lateral, 1)).unsqueeze(-1) * level
-    pi = _pi(s)
-    whole = (pi * torch.where(cosine > 0, s * s, 0)).unsqueeze(-1) * towards
-    phi = torch.where(cut.unsqueeze(-1), upright.unsqueeze(-1) * normal + along, whole)
-    return torch.where(inside.unsqueeze(-1), pi * normal, phi).to(dtype)
+
+
+class _Seen(NamedTuple):
+    """A sphere as it looks from a point; the symbols are those of the file's heading."""
+
+    towards: Float[Tensor, "*batch 3"]
+    up: Float[Tensor, "*batch 3"]
+    s: Float[Tensor, "*batch"]
+    cosine: Float[Tensor, "*batch"]
+    lateral: Float[Tensor, "*batch"]
+    inside: Bool[Tensor, "*batch"]
+    cut: Bool[Tensor, "*batch"]
+
+
+def _seen(offset: Tensor, normal: Tensor, radius: Tensor) -> _Seen:
+    distance, towards = safe_norm(offset), safe_normalize(offset)
+    inside = (distance < radius) | (distance == 0)
+    # a normal that was rounded to float32 is 6e-8 too long, which the horizon would feel
+    up = safe_normalize(normal)
+    cosine = dot(up, towards)
+    lateral = safe_norm(towards - cosine.unsqueeze(-1) * up)
+    s = guarded_divide(radius, torch.where(inside, 0, distance))
+    return _Seen(towards, up, s, cosine, lateral, inside, (cosine.abs() < s) & (lateral > 0))
+
+
+def _loss(seen: _Seen) -> Float[Tensor, "*batch"]:
+    """How many roundings of itself the irradiance may be off by."""
+    with torch.no_grad():
+        s, height = seen.s, seen.cosine.abs()
+        depth = guarded_divide(torch.ones_like(s), (s - height).abs())
+        peeking = torch.where(seen.cosine < 0, 4 * s * depth * depth, 2 * depth)
+        near = guarded_divide(torch.ones_like(s), 1 - s)
+        grazing = guarded_divide(torch.ones_like(s), seen.cosine.clamp(min=0))
+        loss = torch.where(height < 2 * s, torch.maximum(peeking, near), grazing)
+        hidden = seen.inside | (seen.cosine <= -s)
+        return torch.where(hidden, 0, loss)
 
 
 def _pi(like: Tensor) -> Tensor:
@@ -113,8 +180,10 @@ def _pi(like: Tensor) -> Tensor:
     return torch.tensor(math.pi, dtype=like.dtype, device=like.device)
 
 
-def _cut_components(s: Tensor, cosine: Tensor, lateral: Tensor) -> tuple[Tensor, Tensor]:
+def _cut_components(seen: _Seen) -> tuple[Tensor, Tensor]:
     """Components E along the normal and F along the horizon of a sphere cut by it."""
+    s = torch.where(seen.cut, seen.s, 0.5)
+    cosine, lateral = torch.where(seen.cut, seen.cosine, 0), torch.where(seen.cut, seen.lateral, 1)
     slant = safe_sqrt((1 - s) * (1 + s))
     outline = s * lateral
     sine = safe_sqrt((s - cosine) * (s + cosine)) / outline
@@ -339,6 +408,20 @@ class SphereSource(AbstractSource):
         if self.samples > 1:
             return sphere_samples(*held, self.outward)
         return sphere_arrival(*held)
+
+    def irradiance_on(
+        self,
+        position: Float[Tensor, "*batch point 3"] | None,
+        normal: Float[Tensor, "*batch point 3"],
+        visibility: Float[Tensor, "light *batch point"] | None = None,
+    ) -> Float[Tensor, "*batch point channel"]:
+        if self.samples > 1:
+            return super().irradiance_on(position, normal, visibility)
+        position = self._near(position)
+        offset = light_first(self.center, position).double() - position.double()
+        size = light_first(self.radius, position).squeeze(-1)
+        received = sphere_irradiance(offset, normal.double(), size).to(normal.dtype)
+        return summed(received, light_first(self.radiance, position), visibility)
 
     def extra_repr(self) -> str:
         return (
