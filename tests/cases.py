@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from torchradiometry import export, geometry, materials, plan, shade, solve, sources, transport
+from torchradiometry.numerics import guarded_divide
 
 
 class Sizes(NamedTuple):
@@ -175,7 +176,7 @@ class ClosedRoom(nn.Module):
     def operator(weights: Tensor) -> solve.DenseOperator:
         exchange = weights + weights.mT
         area = exchange.sum(-1)
-        return solve.DenseOperator(exchange / area.unsqueeze(-1), area)
+        return solve.DenseOperator(guarded_divide(exchange, area.unsqueeze(-1)), area)
 
     def forward(self, albedo: Tensor, exitance: Tensor, form_factors: Tensor) -> Tensor:
         return self.layer(albedo, exitance, self.operator(form_factors))

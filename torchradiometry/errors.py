@@ -9,6 +9,11 @@ leaves with exit code 2.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
 __all__ = [
     "DTypeError",
     "DegenerateGeometryError",
@@ -99,3 +104,9 @@ class MissingDependencyError(RadiometryError, ImportError):
 
 class NoGraphicsError(RadiometryError, RuntimeError):
     """No OpenGL context can be made; the message names the system package to install."""
+
+
+def require_floating(where: str, tensor: Tensor) -> None:
+    """Raise `DTypeError` unless a tensor holds real floating-point numbers."""
+    if not tensor.is_floating_point():
+        raise DTypeError(where, f"a tensor of {tensor.dtype}", "pass floating-point numbers")

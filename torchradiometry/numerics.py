@@ -25,11 +25,13 @@ __all__ = [
     "clamped_cosine",
     "dot",
     "guarded_divide",
+    "narrow",
     "power_lobe",
     "safe_acos",
     "safe_norm",
     "safe_normalize",
     "safe_sqrt",
+    "single",
     "tiny",
     "wide",
 ]
@@ -43,6 +45,27 @@ def tiny(dtype: torch.dtype) -> float:
 def wide(*tensors: Tensor) -> tuple[Tensor, ...]:
     """The tensors in float64: for formulas whose differences cancel in single precision."""
     return tuple(t.to(torch.float64) for t in tensors)
+
+
+def single(*tensors: Tensor) -> tuple[Tensor, ...]:
+    """The tensors in float32 at least: half precision has neither the digits nor the range that
+    the middle of a formula needs."""
+    half = (torch.float16, torch.bfloat16)
+    return tuple(t.to(torch.float32) if t.dtype in half else t for t in tensors)
+
+
+def narrow(x: Float[Tensor, "..."], dtype: torch.dtype) -> Float[Tensor, "..."]:
+    """x in `dtype`; where it is too large for it, the largest number, with gradient 0.
+
+    An infinite value would make NaN with the next factor 0 (a visibility, a cosine).
+
+    >>> narrow(torch.tensor([1e6, 2.0]), torch.float16)
+    tensor([65504.,     2.], dtype=torch.float16)
+    """
+    largest = torch.finfo(dtype).max
+    if largest < torch.finfo(x.dtype).max:
+        x = x.clamp(-largest, largest)
+    return x.to(dtype)
 
 
 def dot(a: Float[Tensor, "*batch n"], b: Float[Tensor, "*batch n"]) -> Float[Tensor, "*batch"]:

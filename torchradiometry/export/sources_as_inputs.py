@@ -13,7 +13,7 @@ from typing import final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import ShapeError, require_floating
 from torchradiometry.sources.base import AbstractSource
 
 __all__ = ["SourcesAsInputs"]
@@ -65,6 +65,8 @@ class SourcesAsInputs(nn.Module):
         """The layer's output; tensors in the order of `input_names`."""
         if len(tensors) != len(self.input_names):
             raise ShapeError("tensors", f"{len(tensors)}", f"pass {self.input_names} in order")
+        for name, tensor in zip(self.input_names, tensors, strict=True):
+            require_floating(name, tensor)
         count = len(self.layer_inputs)
         inputs = dict(zip(self.layer_inputs, tensors[:count], strict=True))
         held = dict(zip(self.source_tensors, tensors[count:], strict=True))

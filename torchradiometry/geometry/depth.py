@@ -28,7 +28,7 @@ from kornia.geometry.camera import unproject_points, unproject_points_orthograph
 from torch import Tensor, nn
 from torch.nn import functional
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import OutOfRangeError, ShapeError, require_floating
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
 from torchradiometry.numerics import safe_normalize, wide
 
@@ -92,6 +92,7 @@ def points_to_normals(points: Float[Tensor, "B 3 H W"]) -> Float[Tensor, "B 3 H 
     Export: compile yes, ONNX yes.
     """
     _require_axes("points", points, 3)
+    require_floating("points", points)
     seen = (points.abs() < torch.inf).all(1, keepdim=True)
     (clean,) = wide(torch.where(seen, points, 0))
     return _normals(clean, seen).to(points.dtype)
@@ -121,7 +122,7 @@ def depth_to_normals(
     tensor([0.7071, 0.0000, 0.7071])
     """
     view = view_of(depth, intrinsics, pixel_size)
-    return image_normals(height_field(depth, view.perspective), view)
+    return image_normals(height_field(depth, view.perspective), view).to(depth.dtype)
 
 
 class AbstractDepthLayer(nn.Module):
@@ -167,6 +168,7 @@ def _points(
 ) -> tuple[Tensor, Tensor]:
     """Points in float64, finite everywhere, and where they were seen (`B 1 H W`)."""
     _require_axes("depth", depth, 1)
+    require_floating("depth", depth)
     if (intrinsics is None) == (pixel_size is None):
         got = "both or neither"
         raise ShapeError("intrinsics, pixel_size", got, "pass the one that fits the camera")
@@ -198,6 +200,7 @@ def _matrices(intrinsics: Tensor, depth: Tensor) -> Tensor:
     if intrinsics.shape[-2:] != (3, 3) or intrinsics.ndim not in (2, 3):
         got = f"a tensor of shape {tuple(intrinsics.shape)}"
         raise ShapeError("intrinsics", got, "pass `3 3` or `B 3 3`")
+    require_floating("intrinsics", intrinsics)
     (matrix,) = wide(intrinsics)
     return matrix.reshape(-1, 1, 1, 3, 3).to(depth.device)
 

@@ -35,7 +35,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from torchradiometry.errors import DTypeError, ShapeError
+from torchradiometry.errors import DTypeError, ShapeError, require_floating
+from torchradiometry.numerics import single
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -146,7 +147,9 @@ def view_of(
     if (intrinsics is None) == (pixel_size is None):
         got = "both or neither"
         raise ShapeError("intrinsics, pixel_size", got, "pass the one that fits the camera")
+    (depth,) = single(depth)
     if intrinsics is not None:
+        require_floating("intrinsics", intrinsics)
         if intrinsics.shape[-2:] != (3, 3) or intrinsics.ndim not in (2, 3):
             got = f"a tensor of shape {tuple(intrinsics.shape)}"
             raise ShapeError("intrinsics", got, "pass `3 3` or `B 3 3`")
@@ -182,9 +185,12 @@ def height_field(depth: Float[Tensor, "B 1 H W"], perspective: bool) -> HeightFi
     smallest of a parallel camera's, float32 heights hold the digits of float32 depths: each as
     many as its own depth has, however far a background lies behind it.
 
+    Half precision becomes float32: squares of depths are beyond its range.
+
     Differentiable in: depth (the level is a constant: nothing depends on it).
     Export: compile yes, ONNX yes.
     """
+    (depth,) = single(depth)
     seen = is_seen(depth, perspective).squeeze(1)
     clean = torch.where(seen, depth.squeeze(1), 1)
     level = _level(torch.where(seen, clean.detach(), torch.inf), seen, perspective)

@@ -18,7 +18,13 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, InvalidValueError, OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    DTypeError,
+    InvalidValueError,
+    OutOfRangeError,
+    ShapeError,
+    require_floating,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -75,6 +81,13 @@ class AbstractMaterial(nn.Module):
             self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
         else:
             self.register_buffer(name, tensor)
+
+
+def check_directions(*directions: Tensor) -> None:
+    """Raise `DTypeError` unless incident, outgoing and normal direction are real numbers."""
+    names = ("incident_direction", "outgoing_direction", "normal")
+    for name, direction in zip(names, directions, strict=True):
+        require_floating(name, direction)
 
 
 def _check_range(name: str, value: Tensor, lowest: float, highest: float) -> None:

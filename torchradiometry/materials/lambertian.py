@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.materials.base import AbstractMaterial
+from torchradiometry.materials.base import AbstractMaterial, check_directions
 from torchradiometry.numerics import dot
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def lambertian_brdf(
     >>> lambertian_brdf(torch.tensor([math.pi / 4]), up, up, up)
     tensor([0.2500])
     """
+    check_directions(incident_direction, outgoing_direction, normal)
     above = (dot(incident_direction, normal) > 0) & (dot(outgoing_direction, normal) > 0)
     return torch.where(above.unsqueeze(-1), albedo / math.pi, 0)
 

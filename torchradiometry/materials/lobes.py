@@ -25,7 +25,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.geometry.directions import reflect
-from torchradiometry.materials.base import AbstractMaterial
+from torchradiometry.materials.base import AbstractMaterial, check_directions
 from torchradiometry.numerics import safe_normalize, wide
 
 if TYPE_CHECKING:
@@ -130,6 +130,7 @@ def mirror_lobe(
 
     0 where source or eye is not above the surface: every BRDF is 0 there.
     """
+    check_directions(incident_direction, outgoing_direction, normal)
     wi, wo, n = _once(incident_direction, normal), _once(outgoing_direction, normal), normal
     if wi.dtype == wo.dtype == n.dtype == torch.float64:
         # unit vectors are unit to rounding only, which the exponent would multiply
@@ -151,6 +152,7 @@ def half_vector_lobe(
 
     0 where source or eye is not above the surface.
     """
+    check_directions(incident_direction, outgoing_direction, normal)
     wi, wo, n = _once(incident_direction, normal), _once(outgoing_direction, normal), normal
     if wi.dtype == wo.dtype == n.dtype == torch.float64:
         half = safe_normalize(safe_normalize(wi) + safe_normalize(wo))

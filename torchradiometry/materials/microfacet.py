@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.materials.base import AbstractMaterial
+from torchradiometry.materials.base import AbstractMaterial, check_directions
 from torchradiometry.numerics import dot, safe_normalize, wide
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def microfacet_brdf(
     >>> microfacet_brdf(torch.tensor([1.0]), torch.tensor([1.0]), up, up, up) * 4 * math.pi
     tensor([1.])
     """
+    check_directions(incident_direction, outgoing_direction, normal)
     wi, wo, n = (safe_normalize(v) for v in wide(incident_direction, outgoing_direction, normal))
     k, a = wide(specular, roughness)
     mu_i, mu_o = dot(wi, n).unsqueeze(-1), dot(wo, n).unsqueeze(-1)

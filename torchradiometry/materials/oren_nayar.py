@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.materials.base import AbstractMaterial
+from torchradiometry.materials.base import AbstractMaterial, check_directions
 from torchradiometry.numerics import angle_of, dot, safe_sqrt, wide
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def oren_nayar_brdf(
     >>> oren_nayar_brdf(torch.tensor([math.pi / 4]), torch.tensor([0.0]), up, up, up)
     tensor([0.2500])
     """
+    check_directions(incident_direction, outgoing_direction, normal)
     wi, wo, n = wide(incident_direction, outgoing_direction, normal)
     rho, r = wide(albedo, roughness)
     mu_i, mu_o = dot(wi, n).unsqueeze(-1), dot(wo, n).unsqueeze(-1)

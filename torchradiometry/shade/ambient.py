@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, ShapeError
+from torchradiometry.errors import DTypeError, ShapeError, require_floating
 from torchradiometry.shade.lambertian import check_channels, image_irradiance
 from torchradiometry.shade.layout import check_image, chosen_sources
 from torchradiometry.sources.base import AbstractSource
@@ -60,6 +60,7 @@ def ambient_shading(
     1.5
     """
     check_image("albedo", albedo)
+    require_floating("radiance", radiance)
     if radiance.ndim in (1, 2):
         radiance = radiance.reshape(*radiance.shape, 1, 1)
         radiance = radiance if radiance.ndim == 4 else radiance.unsqueeze(0)

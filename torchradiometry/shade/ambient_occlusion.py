@@ -22,6 +22,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import OutOfRangeError, ShapeError
 from torchradiometry.geometry.depth import checked_size
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.numerics import single
 from torchradiometry.shade.layout import check_image
 from torchradiometry.transport.depth_maps.horizons import sliced_pixels
 from torchradiometry.transport.depth_maps.sky import horizon, open_sky
@@ -71,6 +72,7 @@ def ambient_occlusion(
         normal = image_normals(field, view)
     else:
         check_image("normal", normal, 3, depth)
+        (normal,) = single(normal)
         normal = torch.where(field.seen.unsqueeze(1), normal, 0)
     size = depth.shape[-2:]
     if reach is None:
@@ -80,7 +82,7 @@ def ambient_occlusion(
     pixels = sliced_pixels(field, view, normal, azimuths)
     share, bent = open_sky(pixels, horizon(field, pixels, reach))
     image = torch.cat((share.unsqueeze(0), bent)).permute(2, 0, 1).unflatten(-1, size)
-    image = image * field.seen.unsqueeze(1)
+    image = (image * field.seen.unsqueeze(1)).to(depth.dtype)
     return image[:, :1], image[:, 1:]
 
 

@@ -25,6 +25,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import checked_size, depth_to_points
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.numerics import single
 from torchradiometry.shade.layout import check_sources, chosen_sources, to_points
 from torchradiometry.sources.base import AbstractSource
 from torchradiometry.transport.depth_maps.shadows import hard_shadows, soft_shadows
@@ -73,7 +74,7 @@ def cast_shadows(
     """
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
-    facing, places = image_normals(field, view), None
+    facing, places = image_normals(field, view).to(depth.dtype), None
     if any(source.needs_position for source in sources):
         # any finite place will do where nothing is seen
         held = torch.where(field.seen.unsqueeze(1), depth, 1)
@@ -89,9 +90,11 @@ def cast_shadows(
         batch = normal.shape[:2]
         direction = arrival.direction.expand(-1, *batch, 3).unflatten(2, depth.shape[-2:])
         distance = arrival.distance.expand(-1, *batch).unflatten(2, depth.shape[-2:])
-        light = (field, view, direction.unbind(-1), distance)
+        direction, distance = single(direction, distance)
+        x, y, z = direction.unbind(-1)
+        light = (field, view, (x, y, z), distance)
         found.append(hard_shadows(*light) if width is None else soft_shadows(*light, width))
-    return torch.cat(found).transpose(0, 1)
+    return torch.cat(found).transpose(0, 1).to(depth.dtype)
 
 
 @final

@@ -31,7 +31,7 @@ from torchradiometry.geometry.image_space import (
     image_normals,
     view_of,
 )
-from torchradiometry.numerics import guarded_divide
+from torchradiometry.numerics import guarded_divide, single
 from torchradiometry.shade.lambertian import check_channels, diffuse_radiance
 from torchradiometry.shade.layout import check_image
 from torchradiometry.solve.ambient import ambient_tail
@@ -89,7 +89,7 @@ def reflected_irradiance(
     References: see the module.
     """
     maps = _cleaned(depth, albedo, irradiance, intrinsics, pixel_size, normal)
-    return _reflected(*maps, cells, bounces, tail, azimuths, fine)
+    return _reflected(*maps, cells, bounces, tail, azimuths, fine).to(depth.dtype)
 
 
 def _cleaned(
@@ -108,11 +108,13 @@ def _cleaned(
         normal = image_normals(field, view)
     else:
         check_image("normal", normal, 3, depth)
+        (normal,) = single(normal)
         normal = torch.where(seen, normal, 0)
-    check_image("albedo", albedo, None, normal)
-    check_image("irradiance", irradiance, None, normal)
+    check_image("albedo", albedo, None, depth)
+    check_image("irradiance", irradiance, None, depth)
     check_channels("albedo", albedo, irradiance)
-    albedo, irradiance = (torch.where(seen, image, 0) for image in (albedo, irradiance))
+    held = single(albedo, irradiance)
+    albedo, irradiance = (torch.where(seen, image, 0) for image in held)
     return field, view, normal, albedo, irradiance
 
 
@@ -249,7 +251,7 @@ class InterreflectionShading(nn.Module):
         maps = _cleaned(depth, albedo, irradiance, intrinsics, self.pixel_size, normal)
         grid = (self.cells, self.bounces, self.tail, self.azimuths, self.fine)
         reflected, (albedo, irradiance) = _reflected(*maps, *grid), maps[-2:]
-        return diffuse_radiance(albedo, irradiance + reflected)
+        return diffuse_radiance(albedo, irradiance + reflected).to(depth.dtype)
 
     def extra_repr(self) -> str:
         after = " + ambient tail" if self.tail else ""

@@ -22,6 +22,7 @@ import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError
+from torchradiometry.numerics import narrow, single
 from torchradiometry.shade.layout import (
     check_image,
     check_sources,
@@ -62,14 +63,24 @@ def image_irradiance(
         at the horizon has gradient 0.
     Export: compile yes, ONNX yes.
     """
+    return narrow(received_irradiance(normal, sources, position, visibility), normal.dtype)
+
+
+def received_irradiance(
+    normal: Float[Tensor, "B 3 H W"],
+    sources: Sequence[AbstractSource],
+    position: Float[Tensor, "B 3 H W"] | None,
+    visibility: Float[Tensor, "B light H W"] | None,
+) -> Float[Tensor, "B channel H W"]:
+    """`image_irradiance` in float32 at least: the radiance may fit where it does not."""
     check_image("normal", normal, 3)
     check_sources(sources, normal, position)
     if visibility is not None:
         check_image("visibility", visibility, None, normal)
-    points = None if position is None else to_points(position)
-    received = arriving_irradiance(
-        sources, points, to_points(normal), visibility_to_points(visibility)
-    )
+        (visibility,) = single(visibility)
+    points = None if position is None else single(to_points(position))[0]
+    (facing,) = single(to_points(normal))
+    received = arriving_irradiance(sources, points, facing, visibility_to_points(visibility))
     return to_image(received, normal)
 
 
@@ -101,7 +112,7 @@ def lambertian_shading(
     """
     check_image("normal", normal, 3)
     check_image("albedo", albedo, None, normal)
-    received = image_irradiance(normal, sources, position, visibility)
+    received = received_irradiance(normal, sources, position, visibility)
     check_channels("albedo", albedo, received)
     return diffuse_radiance(albedo, received)
 
@@ -113,13 +124,17 @@ def diffuse_radiance(
 
     Every layer takes this one, so that they agree to the last bit where they agree at all.
 
+    Half precision is multiplied in float32.
+
     Differentiable in: both.
     Export: compile yes, ONNX yes.
     """
+    dtype = albedo.dtype
+    albedo, received = single(albedo, received)
     if torch.compiler.is_exporting():  # the exporter rounds addcmul's factor to float32
-        return albedo * received / math.pi
+        return narrow(albedo * received / math.pi, dtype)
     # one pass over the pixels: 0 + (1/pi) * albedo * E
-    return torch.addcmul(albedo.new_zeros(()), albedo, received, value=1 / math.pi)
+    return narrow(torch.addcmul(albedo.new_zeros(()), albedo, received, value=1 / math.pi), dtype)
 
 
 def check_channels(where: str, image: Tensor, received: Tensor) -> None:

@@ -74,11 +74,11 @@ def check_image(
         where: the name of the argument, for the message.
         image: what was passed.
         channels: the number of channels it must have; None takes any.
-        like: an image whose batch (or 1), height and width it must share.
+        like: an image whose batch (or 1), height, width, dtype and device it must share.
         one_or: it must have one channel or this many.
 
     Raises:
-        DTypeError: not a tensor of real floating-point numbers.
+        DTypeError: not a tensor of real floating-point numbers, or not those of `like`.
         ShapeError: another rank, channel count or size.
     """
     if not isinstance(image, Tensor):
@@ -99,6 +99,12 @@ def check_image(
 
 
 def _check_same_size(where: str, image: Tensor, like: Tensor) -> None:
+    if (image.dtype, image.device) != (like.dtype, like.device):
+        raise DTypeError(
+            where,
+            f"{image.dtype} on {image.device} beside maps of {like.dtype} on {like.device}",
+            "bring all maps to one dtype and device",
+        )
     if image.shape[2:] != like.shape[2:] or image.shape[0] not in (1, like.shape[0]):
         batch, _, height, width = like.shape
         raise ShapeError(

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import DTypeError, ShapeError
 from torchradiometry.materials.lobes import AbstractLobe, Brdf, product
 from torchradiometry.materials.phong import Phong
-from torchradiometry.numerics import safe_normalize
+from torchradiometry.numerics import narrow, safe_normalize, single
 from torchradiometry.shade.lambertian import check_channels, lambertian_shading
 from torchradiometry.shade.layout import (
     check_image,
@@ -144,18 +144,23 @@ def phong_shading(
     check_image("outgoing_direction", outgoing_direction, 3, normal)
     if not any(source.has_direction for source in sources):
         return diffuse
+    dtype = diffuse.dtype
+    exponent, facing, eye = single(
+        *(to_points(image) for image in (shininess, normal, outgoing_direction))
+    )
     highlight = specular_irradiance(
         lobe.brdf,
-        to_points(shininess),
+        exponent,
         sources,
-        None if position is None else to_points(position),
-        to_points(normal),
-        to_points(outgoing_direction),
-        visibility_to_points(visibility),
+        None if position is None else single(to_points(position))[0],
+        facing,
+        eye,
+        None if visibility is None else visibility_to_points(*single(visibility)),
     )
     image = to_image(highlight, normal)
     check_channels("specular", specular, image)
-    return torch.addcmul(diffuse, specular, image)
+    diffuse, specular = single(diffuse, specular)
+    return narrow(torch.addcmul(diffuse, specular, image), dtype)
 
 
 @final

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import nn
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import DTypeError, ShapeError, require_floating
 from torchradiometry.materials.base import AbstractMaterial
-from torchradiometry.numerics import clamped_cosine
+from torchradiometry.numerics import clamped_cosine, narrow, single
 from torchradiometry.shade.layout import chosen_sources
 from torchradiometry.sources.base import AbstractSource
 
@@ -62,7 +62,10 @@ def shade_points(
     """
     _check(sources, position, normal, outgoing_direction, visibility)
     total: Tensor | None = None
-    first = 0
+    first, dtype = 0, normal.dtype
+    normal, outgoing_direction = single(normal, outgoing_direction)
+    position = None if position is None else single(position)[0]
+    visibility = None if visibility is None else single(visibility)[0]
     for source in sources:
         share = None if visibility is None else visibility[first : first + source.lights]
         first = first + source.lights
@@ -70,7 +73,7 @@ def shade_points(
         total = part if total is None else total + part
     if total is None:
         raise ShapeError("sources", "an empty list", "pass at least one source")
-    return total
+    return narrow(total, dtype)
 
 
 def _one_source(
@@ -104,6 +107,11 @@ def _check(
         if tensor is not None and (tensor.ndim == 0 or tensor.shape[-1] != 3):
             got = f"a tensor of shape {tuple(tensor.shape)}"
             raise ShapeError(where, got, "pass `*batch point 3`, vectors last")
+        if tensor is not None:
+            require_floating(where, tensor)
+            if tensor.dtype != normal.dtype:
+                got = f"{tensor.dtype} beside normals in {normal.dtype}"
+                raise DTypeError(where, got, "bring all to one dtype")
     near = [type(source).__name__ for source in sources if source.needs_position]
     if near and position is None:
         raise ShapeError("position", "None", f"{near[0]} is a near source; pass positions in m")

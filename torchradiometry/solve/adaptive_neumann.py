@@ -74,7 +74,7 @@ class AdaptiveNeumann(AbstractSolver):
             state = while_loop(unfinished, bounce, state)
             products: int | Tensor = state[0] + 1
         else:
-            while bool(unfinished(*state)):
+            while exitance.numel() and bool(unfinished(*state)):
                 state = bounce(*state)
             products = int(state[0]) + 1
         radiosity, rest = state[1:]

@@ -134,8 +134,8 @@ class AbstractTransposed(AbstractAdjoint):
             found = solver.solve(operator, albedo, exitance)
         if torch.compiler.is_compiling() or not torch.is_grad_enabled():
             return found
-        solves = self.solves(solver, operator, albedo.detach())
         albedo, exitance = broadcast(operator, albedo, exitance)
+        solves = self.solves(solver, operator, albedo.detach())
         radiosity = found.radiosity
         for _ in range(2):
             radiosity = _FirstOrderStop.apply(radiosity, solves)

@@ -18,10 +18,12 @@ from torch import Tensor
 
 from torchradiometry.errors import (
     DTypeError,
+    EmptySceneError,
     InvalidValueError,
     OutOfRangeError,
     ShapeError,
     SingularSystemError,
+    require_floating,
 )
 from torchradiometry.solve.certificate import certified, gamma, inverse_norm
 from torchradiometry.solve.operators import AbstractOperator, as_operator, reflected
@@ -106,6 +108,8 @@ class AbstractSolver(ABC):
         operator = as_operator(operator)
         albedo, exitance = broadcast(operator, albedo, exitance)
         if not torch.compiler.is_compiling():
+            if operator.patches == 0:
+                raise EmptySceneError("operator", "no patches", "add a surface to the scene")
             check_albedo(albedo)
             if self.promises:
                 _require_loss(type(self).__name__, operator, albedo)
@@ -125,7 +129,8 @@ class AbstractSolver(ABC):
         self, operator: AbstractOperator, albedo: Tensor, exitance: Tensor
     ) -> tuple[AbstractOperator, Tensor, Tensor, Approximation]:
         """The system in the dtype that it is solved in, and what was found."""
-        if self.promises and not torch.compiler.is_compiling():
+        half = exitance.dtype in (torch.float16, torch.bfloat16)
+        if half or (self.promises and not torch.compiler.is_compiling()):
             operator = operator.wide()
             albedo, exitance = albedo.to(operator.dtype), exitance.to(operator.dtype)
         with torch.set_grad_enabled(self.unrolls and torch.is_grad_enabled()):
@@ -152,7 +157,7 @@ class AbstractSolver(ABC):
         self, operator: AbstractOperator, albedo: Tensor, found: Approximation
     ) -> Tensor | None:
         """From a computed (I - T)^-1 1, where 1 / (1 - q) says nothing."""
-        if not self.promises or torch.compiler.is_compiling():
+        if not self.promises or torch.compiler.is_compiling() or not albedo.numel():
             return None
         with torch.no_grad():
             above = found.above
@@ -174,6 +179,7 @@ def broadcast(
             f"shapes {tuple(albedo.shape)}, {tuple(exitance.shape)}",
             "pass `patch channel`",
         )
+    require_floating("albedo", albedo)
     if exitance.dtype != operator.dtype:
         raise DTypeError(
             "exitance",
@@ -219,6 +225,8 @@ def _require_loss(name: str, operator: AbstractOperator, albedo: Tensor) -> None
     """Refuse a room in which some light is never absorbed."""
     rounding = gamma(operator.terms, operator.dtype)
     share = albedo * operator.row_sums().unsqueeze(-1)
+    if not bool(torch.isfinite(share).all()):
+        raise InvalidValueError("form_factors", "NaN or infinity", "pass finite numbers")
     loses = share < 1 - rounding
     while not bool(loses.all()):
         more = loses | (reflected(operator, albedo, loses.to(albedo)) > rounding)

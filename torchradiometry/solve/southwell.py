@@ -22,6 +22,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
+import torch
 from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
@@ -90,7 +91,7 @@ class Southwell(AbstractSolver):
         began, patches, shots = time.monotonic(), operator.patches, 0
         allowed = allowed_residual(operator, albedo, self.tolerance)
         balance, turn = balance_of(operator, albedo), patches
-        now = _Shooting(exitance, exitance)
+        now = _Shooting(exitance, _sendable(operator, exitance))
         while True:
             done = settled(now.unsent, now.radiosity, allowed)
             late = self.max_seconds is not None and time.monotonic() - began > self.max_seconds
@@ -100,6 +101,7 @@ class Southwell(AbstractSolver):
             now, shots = _shot(now, operator, albedo, count), shots + count
             if shots >= turn and balance is not None:
                 now, turn = _balanced(now, balance, albedo), turn + patches
+                now = now._replace(unsent=_sendable(operator, now.unsent))
         products = -(-shots // max(patches, 1)) + 2 * (balance is not None)
         found = Approximation(now.radiosity, products, converged=done)
         if not self.ambient_tail:
@@ -110,12 +112,19 @@ class Southwell(AbstractSolver):
 
 def _shot(now: _Shooting, operator: AbstractOperator, albedo: Tensor, count: int) -> _Shooting:
     """The `count` brightest patches send what they have."""
-    power = now.unsent.abs().sum(-1)
+    # a system that is not finite is settled, and must not hide the brightest of the others
+    power = torch.where(torch.isfinite(now.unsent), now.unsent.abs(), 0).sum(-1)
     power = power if operator.area is None else power * operator.area
     index = power.topk(count, dim=-1, sorted=False).indices
     at = index.unsqueeze(-1).expand(*index.shape, albedo.shape[-1])
     received = albedo * operator.from_patches(index, now.unsent.gather(-2, at))
-    return _Shooting(now.radiosity + received, now.unsent.scatter(-2, at, 0) + received)
+    unsent = now.unsent.scatter(-2, at, 0) + _sendable(operator, received)
+    return _Shooting(now.radiosity + received, unsent)
+
+
+def _sendable(operator: AbstractOperator, x: Tensor) -> Tensor:
+    """What patches may send: nothing where they have no area, which nobody sees."""
+    return x if operator.area is None else torch.where(operator.area.unsqueeze(-1) > 0, x, 0)
 
 
 def _balanced(now: _Shooting, balance: Balance, albedo: Tensor) -> _Shooting:

@@ -23,7 +23,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, InvalidValueError, OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    DTypeError,
+    InvalidValueError,
+    OutOfRangeError,
+    ShapeError,
+    require_floating,
+)
 from torchradiometry.numerics import clamped_cosine
 
 if TYPE_CHECKING:
@@ -191,7 +197,9 @@ def check_batch(parameter: Float[Tensor, "*batch light k"], like: Tensor) -> Non
 
     Raises:
         ShapeError: a source for each image, but not for as many images as there are.
+        DTypeError: points that are not floating-point.
     """
+    require_floating("position, normal", like)
     own = parameter.shape[:-2]
     wanted = like.shape[len(like.shape) - 2 - len(own) : -2]
     if any(a not in (1, b) for a, b in zip(own, wanted, strict=True)):
@@ -230,6 +238,7 @@ def irradiance(
     visibility: Float[Tensor, "light *batch point"] | None = None,
 ) -> Float[Tensor, "*batch point channel"]:
     """E = sum over lights of E_facing max(0, n . wi) V, in W/m2 on the surface itself."""
+    require_floating("normal", normal)
     cosine = clamped_cosine(normal, arrival.direction)
     if visibility is not None:
         cosine = cosine * visibility

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.numerics import safe_normalize
+from torchradiometry.numerics import narrow, safe_normalize, single
 from torchradiometry.sources.base import AbstractSource, Arrival, check_batch, light_first
 
 if TYPE_CHECKING:
@@ -75,10 +75,12 @@ def directional_irradiance(
     tensor([[8.]])
     """
     check_batch(direction, normal)
+    dtype = normal.dtype
+    direction, irradiance, normal = single(direction, irradiance, normal)
     cosine = torch.relu_(safe_normalize(direction) @ normal.mT)  # in place: fresh memory is slow
     if visibility is not None:
         cosine = cosine * visibility.movedim(0, -2)
-    return (irradiance.mT @ cosine).mT
+    return narrow((irradiance.mT @ cosine).mT, dtype)
 
 
 @final

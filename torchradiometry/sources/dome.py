@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.numerics import dot, safe_normalize
+from torchradiometry.errors import require_floating
+from torchradiometry.numerics import dot, narrow, safe_normalize, single
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 
 if TYPE_CHECKING:
@@ -52,13 +53,15 @@ def dome_arrival(
     >>> dome_arrival(torch.tensor([[2.0]]), level).irradiance / torch.pi
     tensor([[[2.]]])
     """
-    share = torch.ones_like(normal[..., :1])
+    require_floating("normal", normal)
+    inner, radiance = single(normal, radiance)
+    share = torch.ones_like(inner[..., :1])
     if up is not None:
-        towards = light_first(safe_normalize(up), normal)
-        share = (1 + dot(towards, normal).unsqueeze(-1)).clamp(min=0) / 2
+        towards = light_first(safe_normalize(*single(up)), normal)
+        share = (1 + dot(towards, inner).unsqueeze(-1)).clamp(min=0) / 2
     # a tensor: the ONNX exporter would round a Python number to float32
-    pi = torch.tensor(math.pi, dtype=normal.dtype, device=normal.device)
-    irradiance = pi * light_first(radiance, normal) * share
+    pi = torch.tensor(math.pi, dtype=inner.dtype, device=inner.device)
+    irradiance = narrow(pi * light_first(radiance, normal) * share, normal.dtype)
     direction = normal.expand(irradiance.shape[0], *normal.shape)
     return Arrival(direction, irradiance, torch.full_like(direction[..., 0], torch.inf))
 

@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import ShapeError, require_floating
+from torchradiometry.numerics import narrow, single
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 
 if TYPE_CHECKING:
@@ -130,10 +131,12 @@ def harmonic_arrival(
     Export: compile yes, ONNX yes.
     References: Ramamoorthi and Hanrahan (2001), eq. 9.
     """
-    kernel = (harmonic_basis(normal) * cosine_coefficients(normal)).unsqueeze(-1)
+    require_floating("normal", normal)
+    inner, coefficients = single(normal, coefficients)
+    kernel = (harmonic_basis(inner) * cosine_coefficients(inner)).unsqueeze(-1)
     held = light_first(coefficients.flatten(-2), normal)
     held = held.unflatten(-1, (9, coefficients.shape[-1]))
-    irradiance = (kernel * held).sum(-2).clamp(min=0)
+    irradiance = narrow((kernel * held).sum(-2).clamp(min=0), normal.dtype)
     direction = normal.expand(irradiance.shape[0], *normal.shape)
     return Arrival(direction, irradiance, torch.full_like(direction[..., 0], torch.inf))
 

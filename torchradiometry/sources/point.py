@@ -12,7 +12,9 @@ What happens very close to the lamp, where I/r^2 has no value:
   root of the smallest normal number, below which 1/r^3 cannot be held) the point counts as
   *on* the lamp: no light, zero direction, zero gradient;
 * where I/r^2 is a number of the dtype but its slope I/r^3 is not, the value is kept and the
-  gradient in the positions is 0.
+  gradient in the positions is 0;
+* half precision is computed in float32; an irradiance beyond float16's largest number is that
+  number, 65504 W/m2, with gradient 0.
 
 References: J. H. Lambert, *Photometria* (1760), the law of inverse squares; F. E. Nicodemus
 et al., NBS Monograph 160 (1977).
@@ -25,7 +27,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.numerics import safe_norm, safe_normalize, tiny
+from torchradiometry.numerics import narrow, safe_norm, safe_normalize, single, tiny
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 
 if TYPE_CHECKING:
@@ -67,14 +69,16 @@ def point_arrival(
     >>> point_arrival(torch.tensor([[0.0, 0.0, 2.0]]), torch.tensor([[8.0]]), x).irradiance
     tensor([[[2.]]])
     """
-    intensity = light_first(intensity, position)
-    offset = guard_offset(light_first(lamp, position) - position, intensity, position.dtype)
+    dtype = position.dtype
+    intensity, inner, lamp = single(light_first(intensity, position), position, lamp)
+    offset = guard_offset(light_first(lamp, position) - inner, intensity, dtype)
     distance = safe_norm(offset)
     lit = distance > 0
     # I/r/r and not I/(r*r): neither r*r nor its inverse need be a number of the dtype.
     radius = torch.where(lit, distance, 1).unsqueeze(-1)
     facing = torch.where(lit.unsqueeze(-1), intensity / radius / radius, 0)
-    return Arrival(safe_normalize(offset), facing, distance)
+    found = Arrival(safe_normalize(offset), facing, distance)
+    return found if offset.dtype == dtype else Arrival(*(narrow(t, dtype) for t in found))
 
 
 def guard_offset(
@@ -98,7 +102,7 @@ def guard_offset(
     """
     still, power = offset.detach(), intensity.detach().abs().amax(-1)
     distance = safe_norm(still)
-    outside = distance >= lamp_radius(dtype)
+    outside = distance >= min(lamp_radius(dtype), lamp_radius(torch.float32))
     radius = torch.where(outside, distance, 1)
     # 8: the largest factor that the derivatives of I/r^2 times a unit direction bring.
     gentle = power / radius / radius / radius < torch.finfo(dtype).max / 8

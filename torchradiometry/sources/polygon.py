@@ -20,14 +20,27 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import DegenerateGeometryError, OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    DegenerateGeometryError,
+    OutOfRangeError,
+    ShapeError,
+    require_floating,
+)
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.geometry.polygon_irradiance import (
     polygon_irradiance,
     polygon_vector_irradiance,
 )
 from torchradiometry.geometry.triangulation import triangulate_polygon
-from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normalize, safe_sqrt
+from torchradiometry.numerics import (
+    dot,
+    guarded_divide,
+    narrow,
+    safe_norm,
+    safe_normalize,
+    safe_sqrt,
+    single,
+)
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.extended import (
     direction_and_length,
@@ -77,6 +90,7 @@ def polygon_arrival(
     Export: compile yes, ONNX yes.
     References: Baum et al. (1989), eq. 8.
     """
+    require_floating("normal", normal)
     dtype = position.dtype
     outline, wide_normal = _corners_first(corners, position).double(), normal.double()
     phi = polygon_vector_irradiance(position.double(), wide_normal, outline)
@@ -84,7 +98,7 @@ def polygon_arrival(
     phi = torch.where(side < 0, -phi if two_sided else torch.zeros_like(phi), phi)
     offset = outline.mean(-2) - position.double()
     direction, length = direction_and_length(phi, wide_normal, safe_normalize(offset), dtype)
-    distance = _plane_distance(offset, direction.double(), outline).to(dtype)
+    distance = narrow(_plane_distance(offset, direction.double(), outline), dtype)
     return Arrival(direction, length.unsqueeze(-1) * light_first(radiance, position), distance)
 
 
@@ -143,17 +157,25 @@ def polygon_samples(
     Differentiable in: corners, radiance, position.
     Export: compile yes, ONNX yes.
     """
+    require_floating("position", position)
+    dtype = position.dtype
+    # float64: far from the origin, or near the polygon, the terms of a path cancel
+    exact = corners.double()
+    path = _corners_first(places.weight.double() @ exact, position)
+    path = path - position.double().unsqueeze(-2)
+    corners, inner = single(corners, position)
+    path = path.to(inner.dtype)
     index = places.tile.flatten(-2).unsqueeze(-1).expand(*places.tile.shape[:-2], -1, 3)
     tiles = corners.gather(-2, index).unflatten(-2, (-1, 3))
     area = light_first(places.portion * safe_norm(vector_area(tiles)), position)
-    path = _corners_first(places.weight @ corners, position) - position.unsqueeze(-2)
     axis = safe_normalize(vector_area(_corners_first(corners, position))).unsqueeze(-2)
     distance = safe_norm(path)
     direction = safe_normalize(path)
     facing = -dot(axis, direction)
     facing = facing.abs() if two_sided else facing.clamp(min=0)
     strength = guarded_divide(guarded_divide(area * facing, distance), distance)
-    return Arrival(*sample_rows(direction, strength, distance, light_first(radiance, position)))
+    rows = sample_rows(direction, strength, distance, light_first(radiance, position))
+    return Arrival(*(narrow(t, dtype) for t in rows))
 
 
 def place_samples(corners: Float[Tensor, "*batch light corner 3"], samples: int) -> SamplePlaces:

@@ -19,13 +19,15 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_floating
 from torchradiometry.numerics import (
     dot,
     guarded_divide,
+    narrow,
     safe_norm,
     safe_normalize,
     safe_sqrt,
+    single,
 )
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.extended import (
@@ -72,6 +74,7 @@ def sphere_arrival(
     Export: compile yes, ONNX yes.
     References: Snyder (1996), 3.3.
     """
+    require_floating("normal", normal)
     dtype = position.dtype
     offset = light_first(center, position).double() - position.double()
     size = light_first(radius, position).squeeze(-1).double()
@@ -79,7 +82,10 @@ def sphere_arrival(
     phi = sphere_vector_irradiance(offset, wide_normal, size)
     towards = safe_normalize(offset)
     direction, length = direction_and_length(phi, wide_normal, towards, dtype)
-    distance = _surface_distance(offset, direction.double(), size).to(dtype)
+    dark = (phi == 0).all(-1, keepdim=True)
+    # not the rounded direction: from afar, float32's misses the sphere
+    along = torch.where(dark, towards, safe_normalize(phi))
+    distance = narrow(_surface_distance(offset, along, size), dtype)
     return Arrival(direction, length.unsqueeze(-1) * light_first(radiance, position), distance)
 
 
@@ -88,7 +94,8 @@ def _surface_distance(offset: Tensor, direction: Tensor, radius: Tensor) -> Tens
     distance = safe_norm(offset)
     along = dot(offset, direction)
     power = (distance - radius) * (distance + radius)
-    far = along + safe_sqrt(along * along - power)
+    across = safe_norm(torch.linalg.cross(offset, direction.expand_as(offset), dim=-1))
+    far = along + safe_sqrt((radius - across) * (radius + across))
     return torch.where(power < 0, far, guarded_divide(power, far))
 
 
@@ -118,9 +125,12 @@ def sphere_samples(
     Differentiable in: center, radius, radiance, position.
     Export: compile yes, ONNX yes.
     """
-    size = light_first(radius, position)
-    offset = light_first(center, position) - position
-    path = offset.unsqueeze(-2) + size.unsqueeze(-1) * outward
+    require_floating("position", position)
+    size, inner = single(light_first(radius, position), position)
+    offset = light_first(center, position).double() - position.double()
+    # float64: near the sphere, the terms of a path cancel
+    path = offset.unsqueeze(-2) + size.double().unsqueeze(-1) * outward.double()
+    offset, path, outward = (t.to(inner.dtype) for t in (offset, path, outward))
     distance = safe_norm(path)
     direction = safe_normalize(path)
     facing = -dot(outward, direction)
@@ -130,7 +140,8 @@ def sphere_samples(
     # a tensor: the ONNX exporter would round a Python number to float32
     pi = torch.tensor(math.pi, dtype=facing.dtype, device=facing.device)
     strength = 4 * pi / outward.shape[-2] * facing * share * share
-    return Arrival(*sample_rows(direction, strength, distance, light_first(radiance, position)))
+    rows = sample_rows(direction, strength, distance, light_first(radiance, position))
+    return Arrival(*(narrow(t, position.dtype) for t in rows))
 
 
 def fibonacci_directions(samples: int, dtype: torch.dtype) -> Float[Tensor, "sample 3"]:

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import DegenerateGeometryError, OutOfRangeError
-from torchradiometry.numerics import safe_normalize, wide
+from torchradiometry.numerics import narrow, safe_normalize, single, wide
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.point import guard_offset, point_arrival
 
@@ -97,10 +97,13 @@ def spot_arrival(
     Export: compile yes, ONNX yes.
     References: see the module.
     """
+    dtype = position.dtype
+    # once, so that half precision meets the sum of the two gradients and not their overflows
+    lamp, intensity, position = single(lamp, intensity, position)
     reach = point_arrival(lamp, intensity, position)
     # not the rounded direction of `reach`: its error of 1e-7 rad is large in a narrow cone
     start, end = wide(light_first(lamp, position), position)
-    offset = guard_offset(start - end, light_first(intensity, position), position.dtype)
+    offset = guard_offset(start - end, light_first(intensity, position), dtype)
     share = cone_attenuation(
         -offset,
         light_first(axis, position),
@@ -108,7 +111,8 @@ def spot_arrival(
         light_first(outer_cone, position).squeeze(-1),
     )
     facing = reach.irradiance * share.to(reach.irradiance.dtype).unsqueeze(-1)
-    return reach._replace(irradiance=facing)
+    found = reach._replace(irradiance=facing)
+    return found if facing.dtype == dtype else Arrival(*(narrow(t, dtype) for t in found))
 
 
 @final

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import MissingDependencyError
+from torchradiometry.geometry.patches import vector_area
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.transport.rays import AbstractRayCaster, Hits, hit_details, shortened
 
@@ -56,9 +57,14 @@ class EmbreeRays(AbstractRayCaster):
         scene, mesh = _embreex()
         self._hold(corners.cpu())
         self._scene = scene(robust=True)
-        if len(self.corners):
-            unit = (self.corners - self.centre) / self.scale
-            mesh(self._scene, unit.to(torch.float32).numpy())
+        unit = (self.corners - self.centre) / self.scale
+        # Embree hits the line that a triangle without area is
+        area = vector_area(unit)
+        self._solid = (
+            ((area * area).sum(-1) > torch.finfo(area.dtype).eps ** 2).nonzero().squeeze(-1)
+        )
+        if len(self._solid):
+            mesh(self._scene, unit[self._solid].to(torch.float32).numpy())
 
     def closest(self, origin: Float[Tensor, "ray 3"], direction: Float[Tensor, "ray 3"]) -> Hits:
         start, heading = self._unit(origin), direction.detach().cpu().to(torch.float64)
@@ -87,11 +93,12 @@ class EmbreeRays(AbstractRayCaster):
         return (point.detach().cpu().to(torch.float64) - self.centre) / self.scale
 
     def _run(self, start: Tensor, heading: Tensor, query: str, length: Tensor | None) -> Tensor:
-        if len(self.corners) == 0 or len(start) == 0:
+        if len(self._solid) == 0 or len(start) == 0:
             return torch.full((len(start),), -1, dtype=torch.int64)
         o, d = (t.to(torch.float32).contiguous().numpy() for t in (start, heading))
         reach = None if length is None else length.to(torch.float32).numpy()
-        return torch.from_numpy(self._scene.run(o, d, dists=reach, query=query)).long()
+        hit = torch.from_numpy(self._scene.run(o, d, dists=reach, query=query)).long()
+        return torch.where(hit >= 0, self._solid[hit.clamp(min=0)], -1)
 
 
 def _entry(start: Tensor, heading: Tensor, squared: Tensor) -> Tensor:

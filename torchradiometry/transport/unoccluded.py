@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_floating
 from torchradiometry.geometry.clipping import clip_slots
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normalize, wide
@@ -88,6 +88,9 @@ def unoccluded_form_factors(
     tensor([[0.0000, 0.2000],
             [0.2000, 0.0000]])
     """
+    require_floating("corners", corners)
+    if not torch.compiler.is_compiling() and corners.shape[-3] == 0:
+        return corners[:, 0] @ corners[:, 0].mT
     dtype = corners.dtype
     corners, node, weight = wide(corners, node, weight)
     corners = corners - corners.detach().mean((0, 1))

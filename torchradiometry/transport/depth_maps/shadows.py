@@ -217,6 +217,8 @@ def _rays(
 def _needed(field: HeightField, rays: LightRays, slope: Tensor) -> Float[Tensor, "light B H W"]:
     """Steps after which no height is left that could reach a line of that slope."""
     height, size = field.height.detach(), max(field.height.shape[-2:])
+    if not torch.compiler.is_compiling() and not height.numel():
+        return torch.zeros_like(slope)
     highest = torch.where(field.seen, height, below(height)).max()
     climb = guarded_divide(highest - height, slope.clamp(min=0), torch.inf)
     way = torch.minimum(torch.minimum(climb, rays.reach), torch.full_like(climb, size))
