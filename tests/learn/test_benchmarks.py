@@ -171,7 +171,7 @@ def test_faults_are_named(tmp_path: Path) -> None:
     with pytest.raises(ShapeError, match="no pixel"):
         evaluate_single(folder)
     np.savez(folder / "geometry.npz", height=np.zeros((SIZE, SIZE)))
-    with pytest.raises(FileFormatError, match="no array Z"):
+    with pytest.raises(FileFormatError, match="no file of heights with Z"):
         evaluate_single(folder)
     (folder / "diffuse.png").unlink()
     with pytest.raises(InputFileError, match="no such file"):

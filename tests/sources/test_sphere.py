@@ -14,6 +14,7 @@ from tests.tolerances import RELATIVE, assert_close
 from torchradiometry.errors import InvalidValueError, OutOfRangeError, ShapeError
 from torchradiometry.geometry import hemisphere_quadrature
 from torchradiometry.sources import SphereSource, irradiance, sphere_vector_irradiance
+from torchradiometry.sources.sphere_irradiance import sphere_irradiance
 
 mpmath.mp.dps = 40
 DTYPES = [torch.float64, torch.float32]
@@ -193,3 +194,14 @@ def test_named_errors() -> None:
         SphereSource([0.0, 0, 1], [1.0], [math.nan])
     with pytest.raises(ShapeError, match="position"):
         SphereSource([0.0, 0, 1], [1.0], [1.0])(None, torch.ones(1, 3))
+
+
+@pytest.mark.parametrize("distance", [1.0, 1e6, 1e12])
+def test_a_point_without_a_normal_receives_nothing_however_far(distance: float) -> None:
+    offset = torch.tensor([[0.3, 0.1, 0.9]], dtype=torch.float64) * distance
+    none = torch.zeros(1, 3, dtype=torch.float64, requires_grad=True)
+    found = sphere_irradiance(offset, none, torch.tensor([0.2], dtype=torch.float64))
+    assert found.item() == 0
+    found.sum().backward()
+    assert none.grad is not None
+    assert none.grad.isfinite().all()

@@ -61,7 +61,8 @@ def write_training(path: str | Path, training: Training) -> Path:
 
 def training_table(training: Training) -> dict[str, Any]:
     """`kind` and every field, nested: what TOML, JSON and checkpoints hold."""
-    return {"kind": kind_of(training), **asdict(training)}
+    table = {"kind": kind_of(training), **asdict(training)}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in table.items()}
 
 
 def training_from_table(table: Mapping[str, Any], where: str) -> Training:

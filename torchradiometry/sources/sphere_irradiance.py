@@ -154,7 +154,8 @@ def _loss(seen: _Seen) -> Float[Tensor, "*batch"]:
         near = guarded_divide(torch.ones_like(s), 1 - s)
         grazing = guarded_divide(torch.ones_like(s), seen.cosine.clamp(min=0))
         loss = torch.where(height < 2 * s, torch.maximum(peeking, near), grazing)
-        hidden = seen.inside | (seen.cosine <= -s)
+        no_normal = (seen.up == 0).all(-1)
+        hidden = seen.inside | (seen.cosine <= -s) | no_normal
         return torch.where(hidden, 0, loss)
 
 
