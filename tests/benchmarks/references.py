@@ -1,10 +1,10 @@
 """Pictures by a path tracer, to measure ours against: `python -m tests.benchmarks.references`.
 
 Mitsuba renders the standard scenes, further ones (`further_scenes`), shiny ones (`shiny_scenes`)
-and those of a blind test (`blind_scenes`), 96 x 72 pixels. It lifts rays by 0.1 mm and looks no nearer than 1 cm, so scenes
-much smaller or larger than 1 m are scaled to 1 m for it, which changes no radiance. Each picture
-is a sum of many renders, kept in two halves; its own noise is what the halves differ by, and a
-run can be broken off and continued:
+and those of a blind test (`blind_scenes`), 96 x 72 pixels. It lifts rays by 0.1 mm and looks no
+nearer than 1 cm, so scenes much smaller or larger than 1 m are scaled to 1 m for it, which changes
+no radiance. Each picture is a sum of many renders, kept in two halves; its own noise is what the
+halves differ by, and a run can be broken off and continued:
 
     noise = sum |A - B| / sum (A + B)      of the mean of both halves, over the pixels that count
 
