@@ -36,7 +36,7 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
     print(plans[TOLERANCES[-1]].table())
     choices = [Rung(f"plan for {t:.0%}", plan.settings) for t, plan in plans.items()]
     rungs = rungs_of(fast)
-    found = tradeoff(scene, repeats=1 if fast else 3, rungs=rungs, choices=choices)
+    found = tradeoff(scene, repeats=1, rungs=rungs, choices=choices)
     figure = Figure(figsize=(9.6, 2.3), layout="constrained")
     *panels, curve = figure.subplots(1, 5, width_ratios=[1, 1, 1, 1, 1.4])
     draw(scene, panels, [rungs[0], rungs[1], rungs[2], choices[-1]])
