@@ -1,9 +1,9 @@
 """How much is enough: a plan for two rooms and a door, and what each step of light buys.
 
 `Planner` looks at some hundred pixels and says which effects a picture needs for an error that is
-named, and why. Beside plans for 10 and 3 % some settings by hand are measured, from direct light to a
-fine solution: relative L1 error against the finest one over pixels that see no lamp, and seconds of
-the processor. `torchradiometry tradeoff` does this for any scene, rung by rung, and with gradients.
+named, and why. Beside plans for 10 and 3 % some settings by hand are measured, from direct light to
+a fine solution: relative L1 error against the finest one over pixels that see no lamp, and seconds
+of the processor. `torchradiometry tradeoff` does this for any scene, rung by rung, with gradients.
 
 Run it: `python examples/plan_a_scene.py`. It writes `docs/pictures/plan_a_scene.png`: three rungs,
 the plan for 3 %, and error against time.
