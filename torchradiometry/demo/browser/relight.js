@@ -18,9 +18,10 @@
     /** `result` of `fromPhotograph` or `fromSet`. */
     constructor(canvas, result) {
       this.result = result;
-      this.canvas = canvas;
       canvas.width = result.width;
       canvas.height = result.height;
+      // kept in memory, where pixels are put, and not on a graphics card
+      this.context = canvas.getContext("2d", { willReadFrequently: true });
       this.picture = new ImageData(result.width, result.height);
       for (const pixel of result.pixels) this.picture.data[4 * pixel + 3] = 255;
       const count = result.pixels.length;
@@ -69,7 +70,7 @@
           out[4 * pixels[k] + c] = ENCODED[value >= 1 ? STEPS : value > 0 ? Math.round(value * STEPS) : 0];
         }
       }
-      this.canvas.getContext("2d").putImageData(this.picture, 0, 0);
+      this.context.putImageData(this.picture, 0, 0);
     }
   }
 
