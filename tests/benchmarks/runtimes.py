@@ -74,7 +74,7 @@ def exported(name: str, case: Case, dtype: torch.dtype, folder: Path) -> Work:
     Raises:
         RuntimeError: it does not export; the first line of the reason.
     """
-    path = folder / f"{re.sub(r'\W+', '-', name)}.onnx"
+    path = folder / (re.sub(r"\W+", "-", name) + ".onnx")
     failed = path.with_suffix(".failed")
     module = build(case, dtype)
     small, other = case.inputs(dtype, SMALL), case.inputs(dtype, OTHER)
