@@ -254,7 +254,7 @@
   }
 
   canvas.photograph.addEventListener("pointerdown", (event) => {
-    if (!state.mask) return;
+    if (!state.mask || !at("mask-tools").open) return;
     canvas.photograph.setPointerCapture(event.pointerId);
     last = null;
     brush(event);
