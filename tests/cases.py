@@ -311,6 +311,7 @@ EFFECTS: list[object] = [
     plan.PatchSize,
     plan.Penumbra,
     plan.SourceExtent,
+    plan.SpecularLobe,
     plan.Supersampling,
 ]
 

@@ -67,6 +67,26 @@ def test_help_shows_an_example(capsys: pytest.CaptureFixture[str], command: str)
     assert f"torchradiometry {command}" in out
 
 
+@pytest.mark.parametrize(("begun", "whole"), [("pl", "plan"), ("train p", "photometric")])
+def test_a_shell_completes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, begun: str, whole: str
+) -> None:
+    monkeypatch.setenv("_TORCHRADIOMETRY_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"torchradiometry {begun}")
+    monkeypatch.setenv("COMP_CWORD", str(1 + begun.count(" ")))
+    code, out, _ = run(capsys)
+    assert code == 0
+    assert whole in out.split()
+
+
+def test_help_lists_every_command_with_a_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "--help")
+    commands = out.split("Commands:")[1].strip().splitlines()
+    assert len(commands) >= 10
+    assert all(len(line.split()) > 3 for line in commands)
+    assert "--install-completion" in out
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "--version")
     assert (code, out) == (0, "torchradiometry 0.1.0\n")

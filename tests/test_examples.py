@@ -65,6 +65,72 @@ def test_bounce_separation(tmp_path: Path) -> None:
     assert (tmp_path / "bounces.png").stat().st_size > 500
 
 
+def test_lecture(tmp_path: Path) -> None:
+    found = load("lecture").main(fast=True, out=tmp_path)
+    assert found["light"]["A / r^2 over the solid angle at 1 m"] == pytest.approx(1.2416, abs=1e-3)
+    shares = found["reflection"]
+    assert shares["Lambertian, 0.6"] == pytest.approx(0.6, abs=1e-6)
+    assert shares["Phong, n = 20"] == pytest.approx(shares["Phong, n = 200"], abs=1e-6)
+    assert found["sources"]["the whole sky"] < found["sources"]["a lamp in a cone (spot)"]
+    lit = [found["interreflection"][name] for name in ("direct light", "+ 1 bounce", "+ 2 bounces")]
+    assert 0.3 < lit[0] < lit[1] < lit[2] < 1
+    for law in found:
+        assert (tmp_path / f"lecture_{law}.png").stat().st_size > 500
+
+
+def test_relight(tmp_path: Path) -> None:
+    found = load("relight").main(fast=True, out=tmp_path / "faces.png")
+    assert 0.8 < found["explained"] <= 1
+    assert all(found[name] > 2 * found["all sides"] > 0 for name in ("left", "right", "below"))
+    assert (tmp_path / "faces.png").stat().st_size > 500
+
+
+def test_photometric_stereo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main = load("photometric_stereo").main
+    found = main(fast=True, out=tmp_path / "normals.png", source=tmp_path / "nowhere")["relief"]
+    assert "no photographs" in capsys.readouterr().out
+    assert found["network"] < 0.6 * found["least squares"] < 6
+    assert (tmp_path / "normals.png").stat().st_size > 500
+
+
+def test_fit_albedo_and_lights(tmp_path: Path) -> None:
+    found = load("fit_albedo_and_lights").main(fast=True, out=tmp_path / "ball.png")
+    assert found["directions, degrees"] < 3
+    assert found["irradiance"] < 0.05
+    assert found["paint"] < 0.05
+    assert (tmp_path / "ball.png").stat().st_size > 500
+
+
+def test_inverse_room(tmp_path: Path) -> None:
+    found = load("inverse_room").main(fast=True, out=tmp_path / "room.png")
+    assert found["all light"]["albedo, worst"] < 0.05
+    assert found["all light"]["lamp"] < 0.1
+    assert found["direct light alone"]["albedo, mean"] > 5 * found["all light"]["albedo, mean"]
+    assert (tmp_path / "room.png").stat().st_size > 500
+
+
+def test_penumbra(tmp_path: Path) -> None:
+    found = load("penumbra").main(fast=True, out=tmp_path / "penumbra.png")
+    assert found["half of the lamp"] == pytest.approx(0.5, abs=1e-9)
+    assert found["slope over finite difference"] == pytest.approx(1, abs=1e-4)
+    assert found["4 rays"] > 2 * found["64 rays"] > 0
+    assert (tmp_path / "penumbra.png").stat().st_size > 500
+
+
+def test_plan_a_scene(tmp_path: Path) -> None:
+    found = load("plan_a_scene").main(fast=True, out=tmp_path / "plan.png")
+    assert found["direct light"] > 2 * found["2 and a tail"] > 0
+    assert found["plan for 3%"] < found["plan for 10%"] < 0.1
+    assert (tmp_path / "plan.png").stat().st_size > 500
+
+
+def test_train_and_ship(tmp_path: Path) -> None:
+    found = load("train_and_ship").main(fast=True, out=tmp_path / "curve.png")
+    assert found["torch against onnxruntime"] < 1e-4
+    assert found["60 steps"] < found["least squares"]
+    assert (tmp_path / "curve.png").stat().st_size > 500
+
+
 def test_photographs_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     example = load("photographs_explained")
     assert example.main(out=tmp_path / "ladder.png", source=tmp_path / "nowhere") == {}

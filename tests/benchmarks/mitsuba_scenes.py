@@ -20,6 +20,7 @@ import numpy as np
 import torch
 import trimesh
 
+from tests.benchmarks.mitsuba_phong import phong_bsdf
 from torchradiometry import RenderSettings, Scene, Surface
 from torchradiometry.geometry.cameras import PinholeCamera
 from torchradiometry.numerics import safe_normalize
@@ -73,6 +74,8 @@ def _shape(surface: Surface, file: Path) -> dict[str, Any]:
     mesh.export(file, vertex_normal=normals is not None)
     shape = {"type": "ply", "filename": str(file), "face_normals": normals is None}
     paint = {"type": "diffuse", "reflectance": _rgb(surface.albedo)}
+    if surface.glossy:
+        paint = phong_bsdf(surface)
     shape["bsdf"] = {"type": "twosided", "bsdf": paint} if surface.two_sided else paint
     if bool((surface.emission > 0).any()):
         if surface.two_sided:

@@ -1,10 +1,10 @@
 """Pictures by a path tracer, to measure ours against: `python -m tests.benchmarks.references`.
 
-Mitsuba renders the standard scenes, further ones (`further_scenes`) and those of a blind test
-(`blind_scenes`), 96 x 72 pixels. It lifts rays by 0.1 mm and looks no nearer than 1 cm, so scenes
-much smaller or larger than 1 m are scaled to 1 m for it, which changes no radiance. Each picture
-is a sum of many renders, kept in two halves; its own noise is what the halves differ by, and a
-run can be broken off and continued:
+Mitsuba renders the standard scenes, further ones (`further_scenes`), shiny ones (`shiny_scenes`)
+and those of a blind test (`blind_scenes`), 96 x 72 pixels. It lifts rays by 0.1 mm and looks no
+nearer than 1 cm, so scenes much smaller or larger than 1 m are scaled to 1 m for it, which changes
+no radiance. Each picture is a sum of many renders, kept in two halves; its own noise is what the
+halves differ by, and a run can be broken off and continued:
 
     noise = sum |A - B| / sum (A + B)      of the mean of both halves, over the pixels that count
 
@@ -27,6 +27,7 @@ import numpy as np
 from tests.benchmarks.blind_scenes import BLIND_SCENES
 from tests.benchmarks.further_scenes import FURTHER_SCENES
 from tests.benchmarks.mitsuba_scenes import coverage, mitsuba, mitsuba_scene, sensor, start
+from tests.benchmarks.shiny_scenes import SHINY_SCENES
 from torchradiometry.files import atomic_path
 from torchradiometry.scene.scene import Scene
 from torchradiometry.scene.standard import STANDARD_SCENES
@@ -36,7 +37,9 @@ __all__ = ["SCENES", "SIZE", "Reference", "load"]
 SIZE = (96, 72)
 #: samples of a pixel in one render: a square number, as the sampler wants
 CHUNK = 256
-SCENES: dict[str, Callable[[int, int], Scene]] = STANDARD_SCENES | FURTHER_SCENES | BLIND_SCENES
+SCENES: dict[str, Callable[[int, int], Scene]] = (
+    STANDARD_SCENES | FURTHER_SCENES | BLIND_SCENES | SHINY_SCENES
+)
 #: sizes of scenes that the path tracer takes as they are, m
 ORDINARY = (0.1, 100.0)
 

@@ -113,3 +113,15 @@ def test_refuses(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="2 channels"):
         save_scene(Scene((strange,)), tmp_path / "a.glb")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_lobes(tmp_path: Path) -> None:
+    floor = quad("floor", [[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]], albedo=[0.3, 0.2, 0.1])
+    for specular, shininess in (([0.5, 0.4, 0.6], 80.0), (0.2, 0.0), (0.7, 3e5)):
+        made = Scene((floor.shiny(specular, shininess),))
+        again = written(made, tmp_path).surfaces[0]
+        assert_close(again.specular.float(), made.surfaces[0].specular)
+        assert_close(again.albedo.float(), made.surfaces[0].albedo)
+        assert float(again.shininess) == pytest.approx(shininess, rel=1e-6)
+    with pytest.raises(FileFormatError, match="largest specular"):
+        save_scene(Scene((floor.shiny([0.9, 0.1, 0.1], 5.0),)), tmp_path / "wrong.glb")

@@ -12,6 +12,7 @@ from torchradiometry.plan.effects import (
     PatchSize,
     Penumbra,
     SourceExtent,
+    SpecularLobe,
     Supersampling,
 )
 from torchradiometry.plan.ladder import Rung, ladder
@@ -19,7 +20,13 @@ from torchradiometry.plan.pilot import Pilot
 from torchradiometry.plan.plan import Plan, PlannedLevel, PlanRow
 from torchradiometry.plan.planner import Planner
 from torchradiometry.plan.render_file import open_scene, plan_file, render_file
-from torchradiometry.plan.shader import AmbientLight, DirectLight, PlannedShader, ReflectedLight
+from torchradiometry.plan.shader import (
+    AmbientLight,
+    DirectLight,
+    LobeLight,
+    PlannedShader,
+    ReflectedLight,
+)
 from torchradiometry.plan.tradeoff import Measured, Tradeoff, tradeoff
 from torchradiometry.plan.tradeoff_file import tradeoff_file
 
@@ -36,6 +43,7 @@ __all__ = [
     "FallOff",
     "Interreflection",
     "Level",
+    "LobeLight",
     "Measured",
     "PatchSize",
     "Penumbra",
@@ -49,6 +57,7 @@ __all__ = [
     "ReflectedLight",
     "Rung",
     "SourceExtent",
+    "SpecularLobe",
     "Supersampling",
     "Tradeoff",
     "calibrate",

@@ -14,7 +14,7 @@ import json
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
@@ -43,6 +43,7 @@ MICROSECONDS = {
     "shadow ray": 2.5,
     "clipped batch": 20000,
     "clipped point": 20,
+    "lobe ray": 6,
     "exchange": 60000,
     "patch": 400,
     "pair": 2,
@@ -74,6 +75,7 @@ TRIALS = (
     ("cornell", 32, RenderSettings(patch_size=2.0)),
     ("cornell", 32, RenderSettings(patch_size=1.0, bounces=16)),
     ("two rooms", 32, RenderSettings(patch_size=1.5, bounces=48)),
+    ("shiny table", 32, RenderSettings(bounces=0, lobe_samples=32)),
 )
 
 
@@ -125,7 +127,11 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     pixels = camera.width * camera.height if camera is not None else 0
     side, edges = settings.supersampling, 2 * pilot.one_ray.share
     more = edges * (4 * side**2 + 2) if side > 1 else 0.0
-    points = pixels * (1 + (2 * edges if side > 1 else 0)) * max(pilot.seen, 1 / 64)
+    seen = pixels * max(pilot.seen, 1 / 64)
+    shiny = seen * pilot.highlights.shiny * (settings.lobe_samples > 0)
+    points = seen * (1 + (2 * edges if side > 1 else 0)) + shiny * side**2 * (side > 1)
+    lobes = shiny * max(settings.lobe_samples, side**2)
+    once = replace(settings, shadow_samples=min(1, settings.shadow_samples))
     balance = SAMPLE if settings.ambient and settings.bounces == 0 else 0
     count = pilot.patch_count(settings.patch_size) if settings.patch_size else 0.0
     count = count if settings.bounces else 0.0
@@ -134,7 +140,10 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     batches = 1.0 if side == 1 else 4.0
     return {
         "prepare": {"start": 1.0, "triangle": float(len(pilot.world.triangles.surface))},
-        "direct": {"ray": pixels * (1 + more)} | _lit(pilot, settings, points, batches),
+        "direct": {"ray": pixels * (1 + more) + shiny * side**2 * (side > 1)}
+        | _lit(pilot, settings, points, batches),
+        "lobes": {"lobe ray": lobes * (1 + len(pilot.world.emitters.triangle))}
+        | _lit(pilot, once, lobes, float(lobes > 0), clips=False),
         "indirect": {
             "ray": float(balance * RAYS),
             "exchange": float(count > 0),
@@ -153,13 +162,15 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     }
 
 
-def _lit(pilot: Pilot, settings: RenderSettings, points: float, batches: float) -> dict[str, float]:
-    """What direct light on some points takes."""
+def _lit(
+    pilot: Pilot, settings: RenderSettings, points: float, batches: float, clips: bool = True
+) -> dict[str, float]:
+    """What direct light on some points takes; `clips` where few blockers are cut out."""
     world, lamps = pilot.world, len(pilot.scene.sources)
     polygons, blockers = len(world.emitters.corners), world.blockers
     shaded = settings.shadow_samples > 0
     soft = settings.penumbra and settings.extent
-    exact = shaded and soft and blockers is not None
+    exact = clips and shaded and soft and blockers is not None
     clipped = polygons * len(blockers) if exact and blockers is not None else 0
     rays = 0 if exact else polygons * (settings.shadow_samples if soft else 1)
     return {

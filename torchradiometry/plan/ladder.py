@@ -1,6 +1,6 @@
 """The ladder: from one dot product a pixel to the finest picture, one effect a rung.
 
-    local      one dot product, + fall-off, + shadows, + area, + penumbras, + edges
+    local      one dot product, + fall-off, + shadows, + area, + penumbras, + highlights, + edges
     ambient    the same light from everywhere stands in for reflections
     bounces    1, 2, 4, 8; each without and with an ambient tail for the bounces left out
     radiosity  all bounces on patches of half, a quarter, an eighth of the scene's half diagonal,
@@ -8,8 +8,8 @@
     finest     patches as small as `MOST_PATCHES` allows, and more rays
 
 A rung keeps what the one below it has. Rungs that the scene makes pointless are left out: fall-off
-without near lamps, area and penumbras without shining faces, everything that reflects where no
-surface sees another.
+without near lamps, area and penumbras without shining faces, highlights without lobes, everything
+that reflects where no surface sees another.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ BOUNCES, ALL_BOUNCES = (1, 2, 4, 8), 64
 BOUNCE_PART, PARTS, FINEST_PARTS = 4, (2, 4, 8), tuple(16 / 2 ** (k / 4) for k in range(13))
 #: patches beyond which a rung is left out, and of the finest
 MOST_PATCHES = 5000
+#: rays in a lobe, and of the finest
+LOBES, FINEST_LOBES = 16, 256
 #: shadow rays of the rungs, rays along a side of a pixel, and the same of the finest
 SHADOWS, SIDE, FINEST_SHADOWS, FINEST_SIDE, FINEST_PAIRS = 4, 2, 16, 6, 8
 
@@ -71,6 +73,7 @@ def ladder(scene: Scene) -> tuple[Rung, ...]:
         shadow_samples=FINEST_SHADOWS,
         supersampling=FINEST_SIDE,
         pair_samples=FINEST_PAIRS,
+        lobe_samples=last.lobe_samples and FINEST_LOBES,
     )
     reflects = bool((world.triangles.albedo > 0).any())
     if reflects and on_surfaces(world).mutual_view > 0:
@@ -84,17 +87,20 @@ def ladder(scene: Scene) -> tuple[Rung, ...]:
 def _local(world: World) -> list[Rung]:
     """Light that comes straight from its source."""
     shines = len(world.emitters.corners) > 0
+    shiny = bool((world.triangles.specular > 0).any())
     near = any(source.needs_position for source in world.scene.sources)
     steps = [
         ("+ fall-off", near, {"near": True}),
         ("+ shadows", True, {"shadow_samples": 1}),
         ("+ area", shines, {"extent": True}),
         ("+ penumbras", shines, {"penumbra": True, "shadow_samples": SHADOWS}),
+        ("+ highlights", shiny, {"lobe_samples": LOBES}),
         ("+ edges", True, {"supersampling": SIDE}),
     ]
     settings = RenderSettings(
-        bounces=0, supersampling=1, shadow_samples=0, penumbra=False, extent=False, near=False
-    )
+        bounces=0, supersampling=1, shadow_samples=0, penumbra=False, extent=False, near=False,
+        lobe_samples=0,
+    )  # fmt: skip
     rungs = [Rung("one dot product", settings)]
     for name, wanted, change in steps:
         settings = replace(settings, **change)  # type: ignore[arg-type]

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.numerics import guarded_divide
+from torchradiometry.plan.highlights import Highlights, look_at_highlights, shown_by_looks
 from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
 from torchradiometry.plan.resolution import bends
 from torchradiometry.plan.rough import thinned
@@ -161,7 +162,11 @@ class Pilot:
             sample = self.surfaces
             count = len(sample.triangle)
             third = torch.full((count, 3), 1 / 3).to(like)
-            where = SurfacePoints(sample.triangle, sample.triangle, third, *sample.receivers)
+            receivers = sample.receivers
+            # without an eye every point is seen along its normal
+            where = SurfacePoints(
+                sample.triangle, sample.triangle, third, *receivers, receivers.normal
+            )
             met = (sample.weight > 0).unsqueeze(0)
         else:
             size = like.new_tensor([self.camera.width, self.camera.height])
@@ -197,7 +202,7 @@ class Pilot:
         parts = zip(found.receivers, sample.receivers, strict=True)
         light = self._direct_at(Receivers(*(torch.cat(pair) for pair in parts)), settings)
         seen, everywhere = light.split((len(found.face), len(sample.triangle)))
-        albedo = self.world.triangles.albedo[sample.triangle].double()
+        albedo = self.world.triangles.reflectance[sample.triangle].double()
         power = sample.weight * (albedo * everywhere).sum(-1)
         return _Lit(seen, everywhere, power)
 
@@ -250,17 +255,33 @@ class Pilot:
         return self.scene.albedo_at(found.triangle, found.barycentric).detach().double()
 
     @cached_property
+    def highlights(self) -> Highlights:
+        """Light of the pilot points by their lobes."""
+        return look_at_highlights(self.lit_world, self.fine, self.points, self.reflections)
+
+    @cached_property
+    def sent_by_lobes(self) -> float:
+        """Share of what surfaces send each other that their lobes send, 0..1."""
+        sample, triangles, lit = self.surfaces, self.world.triangles, self._fully_lit
+        lobe = (triangles.reflectance - triangles.albedo)[sample.triangle].double()
+        sent = (sample.weight * (lobe * lit.everywhere).sum(-1)).sum()
+        return float(guarded_divide(sent, lit.power.sum()))
+
+    @cached_property
     def light(self) -> float:
-        """Sum of rho E over the pilot points and channels."""
+        """Sum of pi L, reflected, over the pilot points and channels."""
         received = self.full_direct + self.reflections.irradiance
-        return float((self.albedo * received).sum())
+        return float((self.albedo * received).sum() + math.pi * self.highlights.radiance.sum())
 
     def mean_error(self, difference: Float[Tensor, "point channel"]) -> float:
         """Relative L1 error by a difference of the irradiance on the pilot points, W/m2.
 
         `ERRORS` standard errors of the sum are added to it.
         """
-        each = (self.albedo * difference).abs().sum(-1)
+        return self.error_of((self.albedo * difference).abs().sum(-1))
+
+    def error_of(self, each: Float[Tensor, "point"]) -> float:
+        """The same of differences of pi L on the pilot points, W/m2."""
         if self.light <= 0 or len(each) < 2:
             return 0.0
         return float(each.sum() + ERRORS * math.sqrt(len(each)) * each.std()) / self.light
@@ -359,7 +380,10 @@ class Pilot:
         found = where.take(flat)
         albedo = self.scene.albedo_at(found.triangle, found.barycentric).detach().double()
         light = self._direct_at(found.receivers, self.fine, clip) + self.reflections.at(found)
-        full = light.new_zeros(counts.numel()).index_copy(0, flat, (albedo * light).sum(-1))
+        look, pixel = flat // counts.shape[1], flat % counts.shape[1]
+        of = (found, look, pixel, self.reflections)
+        light = albedo * light + math.pi * shown_by_looks(self.lit_world, self.fine, *of)
+        full = light.new_zeros(counts.numel()).index_copy(0, flat, light.sum(-1))
         middle, *pair = full.reshape(counts.shape)
         # pixels partly covered by an emitter are not counted, as they are not in the picture
         shines = self._shines(where).reshape(counts.shape).any(0)

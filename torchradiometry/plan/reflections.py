@@ -150,8 +150,9 @@ def look_at_reflections(
     """Reflected light of some points, and `lit` is the direct light (W/m2) of all `surfaces`."""
     channels = world.scene.channels
     nothing = points.position.new_zeros(len(points.face), channels)
-    albedo = world.triangles.albedo[surfaces.triangle].double()
-    decay = float(world.triangles.albedo.max())
+    reflectance = world.triangles.reflectance
+    albedo = reflectance[surfaces.triangle].double()
+    decay = float(reflectance.max())
     if surfaces.mutual_view == 0 or decay <= 0:
         return NoReflections(nothing, nothing.new_zeros(channels))
     ambient = balanced_irradiance(albedo, lit, surfaces.view, surfaces.weight)

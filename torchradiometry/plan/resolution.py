@@ -84,6 +84,6 @@ def _first_bounce(
         weights = emitter_weights(world, ROUGH, receivers, generator)
         direct = lamp_irradiance(world, ROUGH, receivers, generator)
         direct = direct + weights @ world.glow(world.triangles)
-        albedo = world.triangles.albedo[where.triangle].to(direct)
+        albedo = world.triangles.reflectance[where.triangle].to(direct)
         light[met] = albedo * direct
     return light.reshape(count, places, RAYS, -1).mean(2)

@@ -8,6 +8,7 @@ from torchradiometry.render.direct import (
     sky_visibility,
 )
 from torchradiometry.render.indirect import Exchange, Indirect, solve_exchange
+from torchradiometry.render.lobes import Lobes, lobe_light, look_along_lobes
 from torchradiometry.render.picture import (
     Picture,
     View,
@@ -23,6 +24,7 @@ from torchradiometry.render.world import World, prepare
 __all__ = [
     "Exchange",
     "Indirect",
+    "Lobes",
     "Picture",
     "Receivers",
     "RenderSettings",
@@ -34,6 +36,8 @@ __all__ = [
     "emitter_weights",
     "indirect_light",
     "lamp_irradiance",
+    "lobe_light",
+    "look_along_lobes",
     "patch_errors",
     "prepare",
     "render_scene",

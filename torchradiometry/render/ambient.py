@@ -120,7 +120,7 @@ def ambient_irradiance(
     Differentiable in: albedo and emission of the triangles.
     """
     sample = exchange.sample
-    albedo = triangles.albedo[sample.triangle].to(torch.float64)
+    albedo = triangles.reflectance[sample.triangle].to(torch.float64)
     direct = exchange.lamps + exchange.weights @ world.glow(triangles)
     return balanced_irradiance(albedo, direct, sample.view, sample.weight)
 

@@ -17,6 +17,7 @@ Direct Illumination and Stochastic Shadows", I3D 2018 (the ratio of the two).
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import torch
@@ -37,7 +38,13 @@ from torchradiometry.transport.visible_parts import visible_irradiance
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["direct_irradiance", "emitter_weights", "lamp_irradiance", "sky_visibility"]
+__all__ = [
+    "direct_irradiance",
+    "emitter_weights",
+    "lamp_arrivals",
+    "lamp_irradiance",
+    "sky_visibility",
+]
 
 #: pairs of a point and an emitting polygon that are integrated at a time
 BLOCK = 2**15
@@ -157,9 +164,26 @@ def lamp_irradiance(
     Arguments as of `direct_irradiance`.
     """
     total = points.position.new_zeros(len(points.position), world.scene.channels)
+    sources = world.scene.sources
+    for arrival, seen in lamp_arrivals(world, settings, sources, points, generator):
+        total = total + irradiance(arrival, points.normal, seen)
+    return total
+
+
+def lamp_arrivals(
+    world: World,
+    settings: RenderSettings,
+    sources: Iterable[AbstractSource],
+    points: Receivers,
+    generator: torch.Generator,
+) -> Iterator[tuple[Arrival, Float[Tensor, "light point"]]]:
+    """What arrives from each source, and which share of it is not blocked.
+
+    Other arguments as of `direct_irradiance`.
+    """
     sky = None
     middle = Receivers(world.middle.unsqueeze(0), points.normal[:1], points.facet[:1])
-    for source in world.scene.sources:
+    for source in sources:
         if settings.near or not source.has_direction:
             arrival = _arrival(source, points)
         else:
@@ -170,8 +194,7 @@ def lamp_irradiance(
             if sky is None:
                 sky = sky_visibility(world, settings, points, generator)
             seen = sky.expand(arrival.distance.shape)
-        total = total + irradiance(arrival, points.normal, seen)
-    return total
+        yield arrival, seen
 
 
 def _arrival(source: AbstractSource, points: Receivers) -> Arrival:

@@ -278,7 +278,7 @@ def solve_exchange(
         triangles: of the same scene; only albedo and emission are read.
         settings: bounces.
     """
-    albedo = triangles.albedo[exchange.triangle].to(torch.float64)
+    albedo = triangles.reflectance[exchange.triangle].to(torch.float64)
     exitance = math.pi * triangles.emission[exchange.triangle].to(torch.float64)
     direct = exchange.lamps + exchange.weights @ world.glow(triangles)
     found = reflected_irradiance(exchange, albedo, direct, settings)

@@ -1,10 +1,11 @@
 """What a camera records: the mean radiance over every pixel.
 
-    L(pixel) = mean over its rays of  [ L_emitted + rho/pi (E_direct + E_indirect) ]
+    L(pixel) = mean over its rays of  [ L_emitted + rho/pi (E_direct + E_indirect) + L_lobe ]
 
 Direct light is evaluated at the point that each ray meets (exact polygons times shadow rays,
-`direct`), indirect light is interpolated from radiosity patches (`indirect`). The background
-and the backs of one-sided faces are black.
+`direct`), indirect light is interpolated from radiosity patches (`indirect`), and shiny surfaces
+are looked at along their lobes (`lobes`). The background and the backs of one-sided faces are
+black.
 
 Nearly all of the work is geometry: what rays meet, which part of the emitters they see, form
 factors. A `View` holds it, and `develop` makes a picture of it for any albedo and emission, and
@@ -33,6 +34,7 @@ from torchradiometry.render.ambient import (
 )
 from torchradiometry.render.gather import gather_weights
 from torchradiometry.render.indirect import Exchange, Indirect, indirect_at, solve_exchange
+from torchradiometry.render.lobes import Lobes, lobe_light, look_along_lobes
 from torchradiometry.render.pixels import Samples, camera_samples, pixel_means
 from torchradiometry.render.points import SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
@@ -91,6 +93,7 @@ class View(NamedTuple):
         ambient: what stands in for reflected light; None if that is solved for, or left out.
         gathered: share of each patch's radiosity that arrives at each ray; None if reflected
             light is interpolated.
+        lobes: what shiny surfaces show; None if there are none, or they are left out.
         seconds: wall time of each stage.
     """
 
@@ -101,6 +104,7 @@ class View(NamedTuple):
     exchange: Exchange | None
     ambient: AmbientExchange | None
     gathered: Float[Tensor, "ray patch"] | None
+    lobes: Lobes | None
     seconds: dict[str, float]
 
 
@@ -139,6 +143,8 @@ def view_scene(
     clock.append(time.perf_counter())
     samples = camera_samples(world, camera, settings)
     clock.append(time.perf_counter())
+    lobes = look_along_lobes(world, settings, samples.points, samples.pixel, samples.share)
+    clock.append(time.perf_counter())
     exchange = None
     if settings.bounces > 0:
         exchange = adaptive_exchange(world, settings, samples.points)
@@ -147,10 +153,10 @@ def view_scene(
         ambient = ambient_exchange(world, settings)
     gathered = _gather(world, exchange, samples, settings)
     clock.append(time.perf_counter())
-    names = ("prepare", "direct", "indirect")
+    names = ("prepare", "direct", "lobes", "indirect")
     seconds = {n: b - a for n, a, b in zip(names, clock[:-1], clock[1:], strict=True)}
     size = (camera.height, camera.width)
-    return View(world, size, settings, samples, exchange, ambient, gathered, seconds)
+    return View(world, size, settings, samples, exchange, ambient, gathered, lobes, seconds)
 
 
 def _gather(
@@ -171,14 +177,15 @@ def develop(view: View, scene: Scene) -> Picture:
 
     Args:
         view: see `view_scene`.
-        scene: the view's own, or the same with other albedos, textures and radiances (of the
-            surfaces that shone when the view was made). Its sources are not looked at.
+        scene: the view's own, or the same with other albedos, textures, specular shares (of
+            surfaces that were shiny when the view was made) and radiances (of those that shone).
+            Its sources are not looked at.
 
     Raises:
         ShapeError: another number of triangles.
 
-    Differentiable in: albedo, emission and textures; a view of learnable sources serves one
-        backward pass.
+    Differentiable in: albedo, specular, emission and textures; a view of learnable sources
+        serves one backward pass.
     Export: no.
     """
     began = time.perf_counter()
@@ -219,19 +226,46 @@ def _shade(
     view: View, scene: Scene, triangles: Triangles, indirect: Indirect | None
 ) -> tuple[Float[Tensor, "height width channel"], Bool[Tensor, "height width"]]:
     """Mean radiance of the pixels, and whether they see an emitter."""
-    points, pixel = view.samples.points, view.samples.pixel
-    irradiance = view.samples.lamps + view.samples.weights @ view.world.glow(triangles)
+    points, pixel, glow = view.samples.points, view.samples.pixel, view.world.glow(triangles)
+    direct = view.samples.lamps + view.samples.weights @ glow
     if indirect is not None and view.gathered is not None:
-        irradiance = irradiance + view.gathered @ indirect.solution.radiosity
-    elif indirect is not None:
-        irradiance = irradiance + indirect_at(indirect, points.face, points.on_face(view.world))
-    if view.ambient is not None:
-        irradiance = irradiance + ambient_irradiance(view.world, view.ambient, triangles)
+        irradiance = direct + view.gathered @ indirect.solution.radiosity
+    else:
+        irradiance = direct + _reflected(view, triangles, indirect, points)
     albedo = scene.albedo_at(points.triangle, points.barycentric).to(irradiance)
     emitted = triangles.emission[points.triangle].to(irradiance)
     radiance = emitted + albedo * irradiance / math.pi
+    if view.lobes is not None:
+        shown = view.lobes
+        shiny = points.triangle[shown.point]
+        light = lobe_light(shown, glow, _in_lobes(view, scene, triangles, indirect, shown))
+        light = triangles.specular[shiny].to(light) * light
+        radiance = radiance.index_add(0, shown.point, light)
     height, width = view.size
     full = pixel_means(radiance, view.samples.share, pixel, view.size)
     bright = torch.zeros_like(full[..., 0], dtype=torch.bool).reshape(-1)
     bright[pixel[(emitted.detach() > 0).any(-1)]] = True
     return full, bright.reshape(height, width)
+
+
+def _reflected(
+    view: View, triangles: Triangles, indirect: Indirect | None, points: SurfacePoints
+) -> Tensor:
+    """E by other surfaces, interpolated or ambient, W/m2."""
+    if indirect is not None:
+        return indirect_at(indirect, points.face, points.on_face(view.world))
+    if view.ambient is not None:
+        return ambient_irradiance(view.world, view.ambient, triangles)
+    return points.position.new_zeros(())
+
+
+def _in_lobes(
+    view: View, scene: Scene, triangles: Triangles, indirect: Indirect | None, lobes: Lobes
+) -> Float[Tensor, "seen channel"]:
+    """Radiance of the surfaces seen in lobes, without what they emit; their own lobes are even."""
+    points = lobes.seen
+    irradiance = lobes.seen_lamps + lobes.seen_weights @ view.world.glow(triangles)
+    irradiance = irradiance + _reflected(view, triangles, indirect, points)
+    albedo = scene.albedo_at(points.triangle, points.barycentric).to(irradiance)
+    lobe = (triangles.reflectance - triangles.albedo)[points.triangle].to(irradiance)
+    return (albedo + lobe) * irradiance / math.pi

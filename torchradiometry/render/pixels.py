@@ -3,9 +3,9 @@
     L(pixel) = mean over its rays of L
 
 Every pixel is seen through its middle first, which is the mean of a pixel whose light is
-linear. Where that surface is textured, or direct light departs from linear between two opposite
-neighbours by more than `JUMP`, the pixel gets s x s rays instead, one at a random place in each
-of s x s parts. Where it and a neighbour do not lie on one smooth surface,
+linear. Where that surface is textured or shiny, or direct light departs from linear between two
+opposite neighbours by more than `JUMP`, the pixel gets s x s rays instead, one at a random place
+in each of s x s parts. Where it and a neighbour do not lie on one smooth surface,
 2s x 2s rays find out which share of the pixel each face covers (4s x 4s at the edge of an
 emitter, which outshines everything), and light is evaluated once for each face, in the middle
 of what the pixel shows of it.
@@ -85,7 +85,7 @@ def camera_samples(world: World, camera: AbstractCamera, settings: RenderSetting
     side = settings.supersampling
     if side == 1:
         return found
-    changes = _changes(world, camera, found)
+    changes = _changes(world, camera, settings, found)
     parts = [found.take(~changes.any[found.pixel])]
     for mask, number, cover in (
         (changes.light, side, False),
@@ -162,7 +162,7 @@ class _Changes(NamedTuple):
     """Pixels that one ray does not show.
 
     Attributes:
-        light: textured, or direct light bends.
+        light: textured or shiny, or direct light bends.
         edge: not on one smooth surface with all neighbours.
         bright: the same, and one of the two emits.
     """
@@ -178,7 +178,9 @@ class _Changes(NamedTuple):
 
 
 @torch.no_grad()
-def _changes(world: World, camera: AbstractCamera, found: Samples) -> _Changes:
+def _changes(
+    world: World, camera: AbstractCamera, settings: RenderSettings, found: Samples
+) -> _Changes:
     """Compare every pixel with its 8 neighbours."""
     points, triangles = found.points, world.triangles
     surface = triangles.surface[points.triangle]
@@ -188,9 +190,10 @@ def _changes(world: World, camera: AbstractCamera, found: Samples) -> _Changes:
     grid = torch.cat((*columns, points.position, points.normal), -1)
     empty = grid.new_full((camera.height * camera.width, grid.shape[-1]), -1)
     grid = empty.index_copy(0, found.pixel, grid).reshape(camera.height, camera.width, -1)
-    painted = torch.tensor([s.texture is not None for s in world.scene.surfaces])
+    lobes = settings.lobe_samples > 0
+    painted = [s.texture is not None or (lobes and s.glossy) for s in world.scene.surfaces]
     kind = grid[..., 0].long()
-    light = painted.to(kind.device)[kind.clamp(min=0)] & (kind >= 0)
+    light = torch.tensor(painted, device=kind.device)[kind.clamp(min=0)] & (kind >= 0)
     edge, bright = torch.zeros_like(light), torch.zeros_like(light)
     sizes = (1, 1, grid.shape[-1] - 8, 3, 3)
     for step in ((0, 1), (1, 0), (1, 1), (1, -1)):

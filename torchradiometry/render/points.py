@@ -48,6 +48,7 @@ class SurfacePoints(NamedTuple):
         position: m.
         normal: shading normal on the side of the camera.
         facet: geometric normal on that side.
+        outgoing: unit, back along the ray.
     """
 
     triangle: Int[Tensor, "ray"]
@@ -56,6 +57,7 @@ class SurfacePoints(NamedTuple):
     position: Float[Tensor, "ray 3"]
     normal: Float[Tensor, "ray 3"]
     facet: Float[Tensor, "ray 3"]
+    outgoing: Float[Tensor, "ray 3"]
 
     @property
     def receivers(self) -> Receivers:
@@ -75,10 +77,10 @@ class SurfacePoints(NamedTuple):
             return total / count.unsqueeze(-1)
 
         barycentric, position, normal = (mean(t) for t in self[2:5])
-        facet = self.facet[first]
+        outgoing = safe_normalize(mean(self.outgoing))
         return SurfacePoints(
             self.triangle[first], self.face[first], barycentric, position,
-            safe_normalize(normal), facet,
+            safe_normalize(normal), self.facet[first], outgoing,
         )  # fmt: skip
 
     def _numbers(self) -> Int[Tensor, "ray"]:
@@ -125,4 +127,5 @@ def see(
         position,
         normal * side,
         facet * side,
+        -safe_normalize(direction),
     )

@@ -40,6 +40,8 @@ class RenderSettings:
         pair_samples: shadow segments between two patches; four times as many in penumbras.
         gather: gather reflected light at every camera ray from all patches instead of
             interpolating it: sharper at contacts, and slow.
+        lobe_samples: rays of a pixel along the lobe of a shiny surface, and as many to each
+            emitter; 0 leaves lobes out.
         sky_samples: rays to the sky under an ambient dome.
         budget: bytes that the form factors may use, and as many what is gathered.
         seed: of all random shifts; the same seed gives the same picture.
@@ -59,6 +61,7 @@ class RenderSettings:
     colour_bleeding: bool = True
     pair_samples: int = 4
     gather: bool = False
+    lobe_samples: int = 16
     sky_samples: int = 32
     budget: int = 2**32
     seed: int = 0
@@ -66,7 +69,7 @@ class RenderSettings:
 
     def __post_init__(self) -> None:
         lowest = {"bounces": 0, "supersampling": 1, "shadow_samples": 0, "pair_samples": 1}
-        for name, low in {**lowest, "sky_samples": 1, "budget": 1}.items():
+        for name, low in {**lowest, "lobe_samples": 0, "sky_samples": 1, "budget": 1}.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool):
                 raise DTypeError(f"settings.{name}", f"{value!r}", "pass a whole number")

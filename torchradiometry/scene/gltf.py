@@ -128,6 +128,8 @@ def _surface(
         None if normals is None else torch.from_numpy(normals).to(dtype),
         material.two_sided,
         texture,
+        torch.tensor(material.specular, dtype=dtype),
+        torch.tensor(material.shininess, dtype=dtype),
     )
 
 

@@ -30,6 +30,7 @@ EXTENSIONS = frozenset(
     {
         "KHR_lights_punctual",
         "KHR_materials_emissive_strength",
+        "KHR_materials_pbrSpecularGlossiness",
         "KHR_mesh_quantization",
         "KHR_texture_transform",
     }

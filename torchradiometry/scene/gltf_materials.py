@@ -7,12 +7,19 @@
 | `emissiveFactor` x `KHR_materials_emissive_strength` | `emission`, W/m2/sr |
 | `emissiveTexture` (sRGB) | `emission` is multiplied by its area mean: the flux is kept |
 | `doubleSided` | `two_sided` |
+| `KHR_materials_pbrSpecularGlossiness` | in place of the base colour: |
+| ... `diffuseFactor` x (1 - largest specular), `diffuseTexture` | `albedo`, `texture` |
+| ... `specularFactor` | `specular` |
+| ... `glossinessFactor` g | `shininess` = ((1 - g)^-4 - 1)/2, at most `SHINIEST` |
 
-Every surface is diffuse: metal, roughness, normal and occlusion maps, alpha and vertex colours
-are ignored.
+The lobe of that extension is a microfacet's of roughness a = (1 - g)^2, whose half vectors are
+spread as cos^N with N = 2/a^2 - 2; Phong's mirrored direction takes N/4 to be as wide. Without
+it every surface is diffuse. Metal, roughness, normal, occlusion and specular maps, alpha and
+vertex colours are ignored.
 
 References: Khronos, *glTF 2.0 Specification* (2021), 3.8, 3.9; KHR_materials_emissive_strength;
-KHR_texture_transform.
+KHR_materials_pbrSpecularGlossiness; KHR_texture_transform; B. Walter et al., "Microfacet Models
+for Refraction through Rough Surfaces", EGSR 2007 (N of a roughness).
 """
 
 from __future__ import annotations
@@ -28,7 +35,10 @@ from torchradiometry.files import decode_picture, srgb_to_linear
 from torchradiometry.scene.gltf_container import Container
 from torchradiometry.scene.gltf_fields import Fields
 
-__all__ = ["Map", "Material", "Materials"]
+__all__ = ["GLOSS", "Map", "Material", "Materials", "glossiness_of", "shininess_of"]
+
+#: the extension that has a lobe, and the largest exponent read from it
+GLOSS, SHINIEST = "KHR_materials_pbrSpecularGlossiness", 1e6
 
 WRAPPING = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 
@@ -57,6 +67,8 @@ class Material(NamedTuple):
     two_sided: bool = False
     albedo_map: Map | None = None
     emission_map: Map | None = None
+    specular: tuple[float, ...] = (0.0, 0.0, 0.0)
+    shininess: float = 0.0
 
 
 class Materials:
@@ -86,11 +98,23 @@ class Materials:
         strength = strong.number("emissiveStrength", 1.0) if strong else 1.0
         factor = fields.numbers("emissiveFactor", 3, (0.0, 0.0, 0.0))
         shines = any(factor) and strength != 0
+        gloss = fields.extension(GLOSS)
+        albedo = pbr.numbers("baseColorFactor", 4, (1.0,) * 4)[:3]
+        owner, paint, shininess = pbr, "baseColorTexture", 0.0
+        specular: tuple[float, ...] = (0.0, 0.0, 0.0)
+        if gloss is not None:
+            specular = gloss.numbers("specularFactor", 3, (1.0,) * 3)
+            rest = 1 - max(specular)
+            albedo = tuple(rest * c for c in gloss.numbers("diffuseFactor", 4, (1.0,) * 4)[:3])
+            shininess = shininess_of(gloss.number("glossinessFactor", 1.0))
+            owner, paint = gloss, "diffuseTexture"
         return Material(
-            albedo=pbr.numbers("baseColorFactor", 4, (1.0,) * 4)[:3],
+            specular=specular,
+            shininess=shininess,
+            albedo=albedo,
             emission=tuple(strength * value for value in factor),
             two_sided=fields.flag("doubleSided"),
-            albedo_map=self._map(pbr, "baseColorTexture"),
+            albedo_map=self._map(owner, paint),
             emission_map=self._map(fields, "emissiveTexture") if shines else None,
         )
 
@@ -121,6 +145,21 @@ class Materials:
                 data = bytes(self._container.view(image))
             self._pictures[image.place] = linear_picture(data, f"{image.file}, {image.place}")
         return self._pictures[image.place]
+
+
+def shininess_of(glossiness: float) -> float:
+    """n of Phong's lobe for a glossiness, 0..1.
+
+    >>> shininess_of(0.0), shininess_of(0.5)
+    (0.0, 7.5)
+    """
+    rough = max(1 - min(max(glossiness, 0.0), 1.0), (1 + 2 * SHINIEST) ** -0.25)
+    return (rough**-4 - 1) / 2
+
+
+def glossiness_of(shininess: float) -> float:
+    """The inverse of `shininess_of`."""
+    return 1 - (1 + 2 * shininess) ** -0.25
 
 
 def linear_picture(data: bytes, where: str) -> NDArray[np.float32]:

@@ -17,6 +17,7 @@ from torchradiometry.errors import DTypeError, EmptySceneError, ShapeError
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.geometry.meshes import face_corners, face_normals
 from torchradiometry.geometry.patches import Patches
+from torchradiometry.materials.phong import mean_lobe_reflectance
 from torchradiometry.scene.surface import Surface
 from torchradiometry.scene.texture_lookup import sample_texture, triangle_means
 from torchradiometry.scene.validate import Fault, require_none, scene_faults
@@ -38,6 +39,8 @@ class Triangles(NamedTuple):
         albedo: mean over the triangle, 0..1.
         emission: emitted radiance, W/m2/sr.
         two_sided: the back reflects and emits too.
+        specular: k_s of the lobe, 0..1.
+        shininess: n of the lobe.
     """
 
     corners: Float[Tensor, "triangle 3 3"]
@@ -46,6 +49,14 @@ class Triangles(NamedTuple):
     albedo: Float[Tensor, "triangle channel"]
     emission: Float[Tensor, "triangle channel"]
     two_sided: Bool[Tensor, "triangle"]
+    specular: Float[Tensor, "triangle channel"]
+    shininess: Float[Tensor, "triangle"]
+
+    @property
+    def reflectance(self) -> Float[Tensor, "triangle channel"]:
+        """Share of even light that is reflected, 0..1: the albedo, and the mean of the lobe."""
+        lobe = mean_lobe_reflectance(self.shininess.unsqueeze(-1))
+        return self.albedo + self.specular * lobe.to(self.specular)
 
     @property
     def patches(self) -> Patches:
@@ -143,6 +154,8 @@ class Scene:
             albedo.expand(shape),
             surface.emission.expand(shape),
             torch.full(shape[:1], surface.two_sided, dtype=torch.bool, device=device),
+            surface.specular.expand(shape),
+            surface.shininess.expand(shape[:1]),
         )
 
     def albedo_at(

@@ -138,6 +138,17 @@ def columns(width: int, height: int) -> Scene:
     return Scene((ground("ground", 2.5, albedo=0.3), *bars, lamp), (), view)
 
 
+def shiny_table(width: int, height: int) -> Scene:
+    """A varnished table, a glazed ball and a dull box under a lamp: highlights and reflections."""
+    table = ground("table", 1.5, albedo=[0.4, 0.25, 0.15]).shiny(0.3, 80.0)
+    ball = sphere("ball", 0.35, (-0.4, 0.35, 0.1), subdivisions=3, albedo=[0.1, 0.3, 0.5])
+    block = box("box", (0.4, 0.6, 0.4), (0.45, 0.3, -0.1), turn=0.4, sides=UPRIGHT, albedo=0.6)
+    corners = [[-0.5, 1.8, -0.9], [0.5, 1.8, -0.9], [0.5, 1.8, -0.4], [-0.5, 1.8, -0.4]]
+    lamp = quad("lamp", corners, albedo=0.0, emission=12.0)
+    view = camera(width, height, (0.5, 1.1, 2.6), (0, 0.25, 0), 38)
+    return Scene((table, ball.shiny(0.25, 200.0), block, lamp), (), view)
+
+
 #: name -> function of width and height in pixels
 STANDARD_SCENES: dict[str, Callable[[int, int], Scene]] = {
     "ball": ball,
@@ -150,4 +161,5 @@ STANDARD_SCENES: dict[str, Callable[[int, int], Scene]] = {
     "crate": crate,
     "lamp and ball": lamp_and_ball,
     "columns": columns,
+    "shiny table": shiny_table,
 }

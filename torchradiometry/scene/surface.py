@@ -1,6 +1,7 @@
 """One piece of a scene: a triangle mesh with what it reflects and emits.
 
     rho(u, v) = albedo * texture(u, v)        L_emitted = emission, W/m2/sr
+    f_r = rho/pi + specular (n+2)/(2 pi) cos^n(alpha)        n = shininess (`NormalizedPhong`)
 
 A surface shines and reflects on the side from which its faces run counter-clockwise. With
 `two_sided` it does so on both sides; otherwise its back is black and still blocks light.
@@ -69,6 +70,9 @@ class Surface:
         normals: `vertex 3`, unit shading normals; None shades each face flat.
         two_sided: the back reflects and emits too.
         texture: varies the albedo over the surface.
+        specular: `channel`, k_s of the lobe, 0..1: the share that it reflects at normal
+            incidence; None: no lobe.
+        shininess: scalar tensor, n >= 0 of the lobe; None: 0.
 
     Raises:
         ShapeError, DTypeError: a tensor of the wrong shape or kind. Values are checked by
@@ -88,6 +92,8 @@ class Surface:
     normals: Float[Tensor, "vertex 3"] | None = None
     two_sided: bool = False
     texture: Texture | None = None
+    specular: Float[Tensor, "channel"] = None  # type: ignore[assignment]
+    shininess: Float[Tensor, ""] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         require_shape(f"{self.name}.vertices", self.vertices, ("vertex", 3))
@@ -95,6 +101,12 @@ class Surface:
         if self.emission is None:
             object.__setattr__(self, "emission", torch.zeros_like(self.albedo))
         require_shape(f"{self.name}.emission", self.emission, ("channel",))
+        if self.specular is None:
+            object.__setattr__(self, "specular", torch.zeros_like(self.albedo))
+        if self.shininess is None:
+            object.__setattr__(self, "shininess", self.albedo.new_zeros(()))
+        require_shape(f"{self.name}.specular", self.specular, ("channel",))
+        require_shape(f"{self.name}.shininess", self.shininess, ())
         if self.faces.ndim != 2 or self.faces.shape[-1] != 3:
             got = f"a tensor of shape {tuple(self.faces.shape)}"
             raise ShapeError(f"{self.name}.faces", got, "pass `face 3`")
@@ -113,12 +125,13 @@ class Surface:
                 raise ShapeError(f"{self.name}.{what}", got, "pass one row per vertex")
         if self.normals is not None:
             require_shape(f"{self.name}.normals", self.normals, ("vertex", 3))
-        counts = {self.albedo.shape[-1], self.emission.shape[-1]}
+        counts = {c.shape[-1] for c in (self.albedo, self.emission, self.specular)}
         if self.texture is not None:
             counts.add(self.texture.image.shape[-1])
         if len(counts - {1}) > 1:
             got = f"channel counts {sorted(counts)}"
-            raise ShapeError(f"{self.name}: albedo, emission, texture", got, "use one, or 1")
+            where = f"{self.name}: albedo, emission, specular, texture"
+            raise ShapeError(where, got, "use one, or 1")
 
     @property
     def count(self) -> int:
@@ -129,7 +142,26 @@ class Surface:
     def channels(self) -> int:
         """Number of colour channels."""
         texture = 1 if self.texture is None else self.texture.image.shape[-1]
-        return max(self.albedo.shape[-1], self.emission.shape[-1], texture)
+        colours = (self.albedo, self.emission, self.specular)
+        return max(texture, *(colour.shape[-1] for colour in colours))
+
+    @property
+    def glossy(self) -> bool:
+        """Whether it has a lobe."""
+        return bool((self.specular.detach() > 0).any())
+
+    def shiny(self, specular: object, shininess: object) -> Surface:
+        """The same surface with a lobe.
+
+        Args:
+            specular: k_s, 0..1, a number or channels.
+            shininess: n, >= 0.
+        """
+        like = self.albedo
+        share = torch.as_tensor(specular, dtype=like.dtype, device=like.device)
+        share = share.expand_as(like) if share.ndim == 0 else share
+        power = torch.as_tensor(shininess, dtype=like.dtype, device=like.device)
+        return replace(self, specular=share, shininess=power)
 
     def to(self, dtype: torch.dtype | None = None, device: object = None) -> Surface:
         """The same surface in another dtype or on another device (indices stay int64)."""
@@ -139,6 +171,8 @@ class Surface:
             faces=moved(self.faces, None, device),
             albedo=moved(self.albedo, dtype, device),
             emission=moved(self.emission, dtype, device),
+            specular=moved(self.specular, dtype, device),
+            shininess=moved(self.shininess, dtype, device),
             normals=None if self.normals is None else moved(self.normals, dtype, device),
             texture=None if self.texture is None else self.texture.to(dtype, device),
         )

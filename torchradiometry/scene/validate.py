@@ -8,7 +8,7 @@ and how many there are.
 | NaN or infinite numbers | `InvalidValueError` |
 | an index that points at no vertex | `IndexRangeError` |
 | a face without area, a normal that is not unit or points backwards | `DegenerateGeometryError` |
-| albedo outside 0..1, negative emission | `OutOfRangeError` |
+| albedo, specular or their sum outside 0..1, negative emission or shininess | `OutOfRangeError` |
 | no surface, no light, no camera | `EmptySceneError` |
 """
 
@@ -138,7 +138,14 @@ def _face_faults(surface: Surface, faces: Tensor, index: Tensor) -> Iterator[Fau
 
 
 def _colour_faults(surface: Surface) -> Iterator[Fault]:
-    colours = {"albedo": (surface.albedo, 1.0), "emission": (surface.emission, torch.inf)}
+    colours = {
+        "albedo": (surface.albedo, 1.0),
+        "emission": (surface.emission, torch.inf),
+        "specular": (surface.specular, 1.0),
+        "shininess": (surface.shininess, torch.inf),
+    }
+    if surface.glossy:
+        colours["albedo + specular"] = (surface.albedo + surface.specular, 1.0)
     if surface.texture is not None:
         colours["texture"] = (surface.texture.image, 1.0)
     for name, (value, most) in colours.items():

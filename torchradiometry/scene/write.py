@@ -4,7 +4,7 @@ The inverse of `gltf`: one mesh, material and node per surface, one node per lig
 Vertices are stored in float32, colours and transforms with all digits. Textures are not written.
 
 References: Khronos, *glTF 2.0 Specification* (2021); KHR_lights_punctual;
-KHR_materials_emissive_strength.
+KHR_materials_emissive_strength; KHR_materials_pbrSpecularGlossiness.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from torchradiometry.errors import FileFormatError
 from torchradiometry.files import atomic_path
 from torchradiometry.geometry.cameras import AbstractCamera, OrthographicCamera, PinholeCamera
 from torchradiometry.numerics import safe_normalize
+from torchradiometry.scene.gltf_materials import GLOSS, glossiness_of
 from torchradiometry.scene.scene import Scene
 from torchradiometry.scene.surface import Surface
 from torchradiometry.sources.base import AbstractSource
@@ -33,6 +34,8 @@ from torchradiometry.sources.spot import SpotSource
 __all__ = ["save_scene"]
 
 FLOAT, UINT = 5126, 5125
+#: rounding of colours that float32 holds
+UNIT = torch.finfo(torch.float32).eps
 LIGHTS, STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"
 
 
@@ -126,7 +129,7 @@ class _Writer:
 
     def glb(self) -> bytes:
         """The finished file."""
-        used = [name for name in (LIGHTS, STRENGTH) if self._uses(name)]
+        used = [name for name in (LIGHTS, STRENGTH, GLOSS) if self._uses(name)]
         tree: dict[str, Any] = {"asset": {"version": "2.0", "generator": "torchradiometry"}}
         tree |= self.lists
         tree |= {"scene": 0, "scenes": [{"nodes": list(range(len(self.lists.get("nodes", []))))}]}
@@ -177,7 +180,24 @@ def _material(surface: Surface) -> dict[str, Any]:
     if shine["intensity"] > 0:
         entry["emissiveFactor"] = shine["color"]
         entry["extensions"] = {STRENGTH: {"emissiveStrength": shine["intensity"]}}
+    if surface.glossy:
+        entry["extensions"] = entry.get("extensions", {}) | {GLOSS: _gloss(surface)}
     return entry
+
+
+def _gloss(surface: Surface) -> dict[str, Any]:
+    """glTF scales the diffuse colour by what the largest specular one leaves."""
+    specular, albedo = _three(surface.specular), _three(surface.albedo)
+    rest = 1 - max(specular)
+    diffuse = [value / rest if rest > 0 else value for value in albedo]
+    if max(diffuse) > 1 + UNIT or (rest <= 0 and max(albedo) > 0):
+        got = f"{surface.name!r}: albedo {max(albedo):.3g} beside specular {max(specular):.3g}"
+        raise FileFormatError("surface", got, "keep albedo <= 1 - the largest specular")
+    return {
+        "diffuseFactor": [*(min(value, 1.0) for value in diffuse), 1.0],
+        "specularFactor": specular,
+        "glossinessFactor": glossiness_of(float(surface.shininess)),
+    }
 
 
 def _row(parameter: Tensor, light: int) -> Tensor:

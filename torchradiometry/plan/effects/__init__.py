@@ -5,6 +5,7 @@ from torchradiometry.plan.effects.bleeding import ColourBleeding
 from torchradiometry.plan.effects.bounces import Interreflection
 from torchradiometry.plan.effects.extent import SourceExtent
 from torchradiometry.plan.effects.fall_off import FallOff
+from torchradiometry.plan.effects.lobe import SpecularLobe
 from torchradiometry.plan.effects.patches import PatchSize
 from torchradiometry.plan.effects.penumbra import Penumbra
 from torchradiometry.plan.effects.pixels import Supersampling
@@ -19,6 +20,7 @@ __all__ = [
     "PatchSize",
     "Penumbra",
     "SourceExtent",
+    "SpecularLobe",
     "Supersampling",
 ]
 
@@ -27,6 +29,7 @@ EFFECTS: tuple[AbstractEffect, ...] = (
     SourceExtent(),
     CastShadows(),
     Penumbra(),
+    SpecularLobe(),
     Interreflection(),
     ColourBleeding(),
     PatchSize(),

@@ -34,7 +34,7 @@ class Supersampling(AbstractEffect):
             return (Level("left out", 0.0, "exact", {"supersampling": 1}),)
         at_edges, inside, _ = pilot.one_ray
         at_edges += pilot.unseen
-        if any(surface.texture is not None for surface in pilot.scene.surfaces):
+        if any(s.texture is not None or s.glossy for s in pilot.scene.surfaces):
             at_edges, inside = 0.0, at_edges + inside
         levels = [Level("left out", at_edges + inside, "estimate", {"supersampling": 1})]
         for s in SIDES:

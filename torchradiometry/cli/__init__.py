@@ -10,9 +10,7 @@ without loading torch.
 
 from __future__ import annotations
 
-import json as json_module
 import sys
-from enum import Enum
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +19,17 @@ import typer
 from typer.core import TyperGroup
 
 import torchradiometry
+from torchradiometry.cli.options import (
+    Height,
+    Json,
+    Model,
+    Out,
+    Response,
+    Scene,
+    Width,
+    print_report,
+)
+from torchradiometry.cli.training import dataset, evaluate, train
 from torchradiometry.errors import RadiometryError
 
 __all__ = ["app", "main"]
@@ -47,29 +56,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
-Out = Annotated[Path, typer.Option("--out", help="Where the result goes.", show_default=False)]
-
-
-Width = Annotated[int, typer.Option(min=1, max=16384, help="Pixels across.")]
-Height = Annotated[int, typer.Option(min=1, max=16384, help="Pixels down.")]
-Scene = Annotated[
-    str, typer.Argument(metavar="SCENE", help="glTF, GLB, a mesh, or a standard scene's name.")
-]
-Model = Annotated[
-    Path | None, typer.Option(help="ONNX model to run instead of the one that is shipped.")
-]
-Config = Annotated[Path | None, typer.Option(help="A TOML file that describes the training.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Of data and first weights.")]
-Threads = Annotated[int, typer.Option(min=1, help="Of torch; several may change last bits.")]
-
-
-Kind = Enum("Kind", {"photometric": "photometric", "shading": "shading"})
-Response = Enum("Response", {"debevec": "debevec", "srgb": "srgb", "linear": "linear"})
-KindArgument = Annotated[
-    Kind, typer.Argument(help="Many photographs under known lights, or one.", show_default=False)
-]
-
 
 def _print_version(wanted: bool) -> None:
     if wanted:
@@ -77,12 +63,8 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _print_report(report: dict[str, object], as_json: bool, sentence: str) -> None:
-    typer.echo(json_module.dumps(report) if as_json else sentence)
-
-
 @app.callback()
-def options(
+def _about(
     version: Annotated[
         bool,
         typer.Option(
@@ -108,7 +90,7 @@ def demo(
     Example: torchradiometry demo --images my-photographs --out demo-output
     """
     report = torchradiometry.demo.run_demo(out, images=images, fast=fast)
-    _print_report(report, json, f"Open {report['page']} ({report['seconds']:.0f} s).")
+    print_report(report, json, f"Open {report['page']} ({report['seconds']:.0f} s).")
 
 
 @app.command()
@@ -129,7 +111,7 @@ def render(
     report = torchradiometry.plan.render_file(
         scene, out, width=width, height=height, tolerance=tolerance
     )
-    _print_report(report, json, f"{report['out']}: {report['seconds']:.2f} s.")
+    print_report(report, json, f"{report['out']}: {report['seconds']:.2f} s.")
 
 
 @app.command()
@@ -150,7 +132,7 @@ def tradeoff(
     report = torchradiometry.plan.tradeoff_file(
         scene, out, width=width, height=height, repeats=repeats
     )
-    _print_report(report, json, f"{report['out']}: {report['seconds']:.0f} s.")
+    print_report(report, json, f"{report['out']}: {report['seconds']:.0f} s.")
 
 
 @app.command()
@@ -185,7 +167,7 @@ def plan(
     )
     if out is not None:
         found.save(out)
-    _print_report(found.to_dict(), json, found.table())
+    print_report(found.to_dict(), json, found.table())
 
 
 @app.command()
@@ -211,7 +193,7 @@ def normals(
     """
     report = torchradiometry.deploy.normals_file(images, out, mask=mask, model=model, linear=linear)
     sentence = f"{report['out']}: {report['seconds']:.2f} s ({report['radiometry']})."
-    _print_report(report, json, sentence)
+    print_report(report, json, sentence)
 
 
 @app.command()
@@ -230,111 +212,20 @@ def export(
     if list_layers:
         rows = torchradiometry.export.export_catalogue()
         text = "\n".join(f"{row['name']:28s} {', '.join(map(str, row['inputs']))}" for row in rows)
-        _print_report({"layers": rows}, json, text)
+        print_report({"layers": rows}, json, text)
         return
     if layer is None or out is None:
         raise typer.BadParameter("name a LAYER and --out FILE.onnx, or pass --list")
     report = torchradiometry.export.export_file(layer, out)
-    _print_report(
+    print_report(
         report,
         json,
         f"{report['out']}: onnxruntime agrees within {report['max_relative']:.1e} (relative).",
     )
 
 
-@app.command()
-def train(
-    kind: KindArgument,
-    steps: Annotated[int | None, typer.Option(min=1, help="Optimiser steps.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where --out stands.")] = False,
-    config: Config = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder of the result [default: KIND-training].")
-    ] = None,
-    seed: Seed = None,
-    data: Annotated[Path | None, typer.Option(help="Batches from a folder of `dataset`.")] = None,
-    bfloat16: Annotated[bool, typer.Option("--bfloat16", help="Round matrix products.")] = False,
-    device: Annotated[str, typer.Option(help="Of the network, such as cuda.")] = "cpu",
-    threads: Threads = 1,
-    workers: Annotated[int, typer.Option(min=0, help="Processes that make batches ahead.")] = 0,
-    json: Json = False,
-) -> None:
-    """Train a network: checkpoint, training.toml, curve.png, model.onnx and metrics.json in --out.
-
-    Killed at any moment and run again with --resume it ends with the same bits. On several
-    processes: torchrun --nproc-per-node 2 -m torchradiometry train ...
-
-    Example: torchradiometry train photometric --steps 1500 --out photometric-training
-    """
-    report = torchradiometry.demo.train_folder(
-        kind.value,
-        out or Path(f"{kind.value}-training"),
-        config=config,
-        steps=steps,
-        seed=seed,
-        bfloat16=bfloat16,
-        resume=resume,
-        data=data,
-        device=device,
-        threads=threads,
-        workers=workers,
-    )
-    if report:  # one of several processes writes and reports
-        sentence = f"{report['out']}: {report['degrees']:.2f} degrees on its last batches"
-        _print_report(report, json, f"{sentence} ({report['seconds']:.0f} s).")
-
-
-@app.command()
-def dataset(
-    kind: KindArgument,
-    out: Out,
-    count: Annotated[int, typer.Option(min=1, help="How many batches.", show_default=False)],
-    seed: Seed = None,
-    config: Config = None,
-    threads: Threads = 1,
-    json: Json = False,
-) -> None:
-    """Write the training batches of a seed to disk; run again it goes on where it was.
-
-    Example: torchradiometry dataset shading --out shading-data --count 400 --seed 1
-    """
-    report = torchradiometry.demo.dataset_folder(
-        kind.value, out, count, seed=seed, config=config, threads=threads
-    )
-    sentence = f"{report['out']}: {report['count']} batches, {report['bytes']:,} bytes."
-    _print_report(report, json, sentence)
-
-
-@app.command()
-def evaluate(
-    kind: KindArgument,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="One object, or a folder of them.")],
-    model: Model = None,
-    control: Annotated[Path | None, typer.Option(help="Shading: model shown the outlines.")] = None,
-    lights: Annotated[int, typer.Option(min=3, help="Photometric: lights in a draw.")] = 10,
-    draws: Annotated[int, typer.Option(min=0, help="Photometric: draws of each object.")] = 5,
-    table: Annotated[Path | None, typer.Option(help="A .csv file for every figure.")] = None,
-    published: Annotated[Path | None, typer.Option(help="CSV of rows to show beside.")] = None,
-    json: Json = False,
-) -> None:
-    """How far a model is from the true normals of real objects, by the benchmark's own measure.
-
-    Photometric: folders as `normals` takes them, with Normal_gt.mat or normal_gt.npy; mean angle.
-    Shading: folders with diffuse.png (linear), mask.png and geometry.npz (Z); N-MAE.
-
-    Example: torchradiometry evaluate photometric diligent/ --published diligent96.csv
-    """
-    found = torchradiometry.demo.run_benchmark(
-        kind.value,
-        folder,
-        model=model,
-        control=control,
-        lights=lights,
-        draws=draws,
-        table=table,
-        published=published,
-    )
-    _print_report(found.report, json, found.table)
+for command in (train, dataset, evaluate):
+    app.command()(command)
 
 
 @app.command()
@@ -368,7 +259,7 @@ def calibrate(
         response=chosen,
         light=None if light is None else _numbers("--light", light),
     )
-    _print_report(report, json, f"{report['out']}: {report['radiometry']}.")
+    print_report(report, json, f"{report['out']}: {report['radiometry']}.")
 
 
 def _numbers(option: str, text: str) -> list[float]:
