@@ -70,7 +70,8 @@ def draw(
     for name, error in errors.items():
         curve.loglog(seconds[name], 100 * error, "r^" if "plan" in name else "ko", ms=4)
         place = (seconds[name], 100 * error)
-        curve.annotate(name, place, (4, -2), textcoords="offset points", fontsize=6)
+        beside = (4, -6) if "tail" in name else (4, 0)
+        curve.annotate(name, place, beside, textcoords="offset points", fontsize=6)
     curve.margins(x=0.5, y=0.15)
     curve.xaxis.set_minor_formatter(NullFormatter())
     curve.set(xlabel="processor seconds", ylabel="error, %")
