@@ -59,6 +59,7 @@ def only_inputs_remain(folder: Path, *names: str) -> bool:
         "evaluate",
         "calibrate",
         "export",
+        "page",
     ],
 )
 def test_help_shows_an_example(capsys: pytest.CaptureFixture[str], command: str) -> None:

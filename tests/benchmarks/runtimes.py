@@ -95,7 +95,11 @@ def exported(name: str, case: Case, dtype: torch.dtype, folder: Path) -> Work:
 
 
 def _export(
-    module: nn.Module, small: tuple[Tensor, ...], other: tuple[Tensor, ...], outputs: int, path: Path
+    module: nn.Module,
+    small: tuple[Tensor, ...],
+    other: tuple[Tensor, ...],
+    outputs: int,
+    path: Path,
 ) -> None:
     names = dict(zip(module.input_names, zip(small, other, strict=True), strict=True))
     export_onnx(

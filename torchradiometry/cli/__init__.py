@@ -29,6 +29,7 @@ from torchradiometry.cli.options import (
     Width,
     print_report,
 )
+from torchradiometry.cli.page import page
 from torchradiometry.cli.training import dataset, evaluate, train
 from torchradiometry.errors import RadiometryError
 
@@ -224,7 +225,7 @@ def export(
     )
 
 
-for command in (train, dataset, evaluate):
+for command in (page, train, dataset, evaluate):
     app.command()(command)
 
 
