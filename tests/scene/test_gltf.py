@@ -11,6 +11,7 @@ from PIL import Image
 
 from tests.scene.gltf_files import SQUARE, TRIANGLE, GltfFile, data_uri, one_triangle, png
 from tests.tolerances import assert_close
+from torchradiometry import errors
 from torchradiometry.geometry.cameras import OrthographicCamera, PinholeCamera
 from torchradiometry.geometry.meshes import face_normals
 from torchradiometry.scene import Scene, Surface, load_scene
@@ -70,6 +71,33 @@ def test_material(tmp_path: Path) -> None:
 def test_emission_without_strength(tmp_path: Path) -> None:
     surface = only(load(one_triangle(emissiveFactor=[0.1, 0.2, 0.3]), tmp_path))
     assert_close(surface.emission, [0.1, 0.2, 0.3])
+
+
+def test_a_lobe_takes_the_place_of_the_base_colour(tmp_path: Path) -> None:
+    """Diffuse and specular colour share the light; the default is a white mirror."""
+    name = "KHR_materials_pbrSpecularGlossiness"
+    given = {"diffuseFactor": [0.5, 0.25, 1.0, 1.0], "specularFactor": [0.1, 0.2, 0.2]}
+    file = one_triangle(
+        pbrMetallicRoughness={"baseColorFactor": [0.9, 0.9, 0.9, 1.0]},
+        extensions={name: {**given, "glossinessFactor": 0.5}},
+    )
+    file.tree["extensionsRequired"] = [name]
+    surface = only(load(file, tmp_path))
+    assert_close(surface.albedo, [0.4, 0.2, 0.8])
+    assert_close(surface.specular, [0.1, 0.2, 0.2])
+    assert float(surface.shininess) == pytest.approx(7.5)  # roughness 1/4: (16 - 1) / 2
+    mirror = only(load(one_triangle(extensions={name: {}}), tmp_path))
+    assert_close(mirror.albedo, [0.0, 0, 0])
+    assert_close(mirror.specular, [1.0, 1, 1])
+    assert float(mirror.shininess) == pytest.approx(1e6)
+    assert only(load(one_triangle(), tmp_path)).glossy is False
+
+
+@pytest.mark.parametrize("bad", [{"specularFactor": [2, 0, 0]}, {"glossinessFactor": "high"}])
+def test_a_lobe_that_is_none_is_named(bad: dict[str, object], tmp_path: Path) -> None:
+    file = one_triangle(extensions={"KHR_materials_pbrSpecularGlossiness": bad})
+    with pytest.raises(errors.RadiometryError):
+        load_scene(file.gltf(tmp_path / "scene.gltf")).require_valid()
 
 
 def test_lights(tmp_path: Path) -> None:
