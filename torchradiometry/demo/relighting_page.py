@@ -22,8 +22,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from torchradiometry.demo.sample_pictures import sample_photograph, sample_set
 from torchradiometry.demo.page import staged_folder
+from torchradiometry.demo.sample_pictures import sample_photograph, sample_set
 from torchradiometry.deploy.normals import find_model
 from torchradiometry.errors import FileFormatError, InputFileError
 from torchradiometry.export.catalogue import export_file

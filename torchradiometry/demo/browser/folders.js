@@ -94,9 +94,19 @@
       const picture = counts(bitmap, grid.width, grid.height, box);
       bitmap.close();
       colours.push(perLight(picture.data, grid.pixels, intensities[i]));
-      if (i === Math.floor(photographs.length / 2)) first = picture;
+      if (i === Math.floor(photographs.length / 2)) first = encoded(picture);
     }
     return { grid, directions, colours, first };
+  }
+
+  /** Linear counts as sRGB ones, for the eye. */
+  function encoded(picture) {
+    const data = picture.data.map((v, i) => {
+      const linear = v / 255;
+      if (i % 4 === 3) return v;
+      return 255 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
+    });
+    return new ImageData(data, picture.width, picture.height);
   }
 
   /** I = (v + 1/2) / 256 / E at each pixel and colour. */

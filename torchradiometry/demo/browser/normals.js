@@ -96,19 +96,29 @@
     return out;
   }
 
-  /** Least squares for rho in I = rho max(0, n . l) at each pixel and colour. */
+  /** How far an observation may be from rho max(0, n . l), as a share of it: no highlight, no shadow. */
+  const MATT = 0.5;
+
+  /** Least squares for rho in I = rho max(0, n . l) at each pixel and colour; twice, the second
+   *  time without what the first calls a highlight or a shadow. */
   function paint(normal, directions, colours) {
     const count = normal.length / 3;
     const out = new Float32Array(normal.length);
     for (let k = 0; k < count; k++) {
-      const sums = [0, 0, 0];
-      let squares = 0;
-      directions.forEach((l, i) => {
-        const lit = Math.max(0, normal[k] * l[0] + normal[count + k] * l[1] + normal[2 * count + k] * l[2]);
-        squares += lit * lit;
-        for (let c = 0; c < 3; c++) sums[c] += lit * colours[i][3 * k + c];
-      });
-      for (let c = 0; c < 3; c++) out[c * count + k] = squares > 0 ? sums[c] / squares : 0;
+      const lit = directions.map((l) => Math.max(0, normal[k] * l[0] + normal[count + k] * l[1] + normal[2 * count + k] * l[2]));
+      for (let c = 0; c < 3; c++) {
+        const fit = (first) => {
+          let [sum, squares] = [0, 0];
+          lit.forEach((cosine, i) => {
+            const seen = colours[i][3 * k + c];
+            if (first !== null && Math.abs(seen - first * cosine) > MATT * first * cosine) return;
+            sum += cosine * seen;
+            squares += cosine * cosine;
+          });
+          return squares > 0 ? sum / squares : first ?? 0;
+        };
+        out[c * count + k] = fit(fit(null));
+      }
     }
     return out;
   }
