@@ -25,6 +25,7 @@ __all__ = [
     "MissingDependencyError",
     "NoGraphicsError",
     "NotConvergedError",
+    "NotConvergedWarning",
     "OutOfRangeError",
     "RadiometryError",
     "ResourceLimitError",
@@ -82,6 +83,10 @@ class NotConvergedError(RadiometryError, ArithmeticError):
     """An iteration stopped before its tolerance and the caller asked for an error."""
 
 
+class NotConvergedWarning(UserWarning):
+    """An iteration stopped before its tolerance; its last values were returned."""
+
+
 class EmptySceneError(RadiometryError, ValueError):
     """The scene has nothing to shade, nothing that shines, or nothing that looks."""
 
@@ -110,3 +115,10 @@ def require_floating(where: str, tensor: Tensor) -> None:
     """Raise `DTypeError` unless a tensor holds real floating-point numbers."""
     if not tensor.is_floating_point():
         raise DTypeError(where, f"a tensor of {tensor.dtype}", "pass floating-point numbers")
+
+
+def require_device(where: str, tensor: Tensor, other: str, like: Tensor) -> None:
+    """Raise `DTypeError` unless a tensor lies on the device of another, which is named too."""
+    if tensor.device != like.device:
+        got = f"a tensor on {tensor.device} beside {other} on {like.device}"
+        raise DTypeError(where, got, "bring both to one device")

@@ -1,5 +1,7 @@
 """Reading photographs: units, and every fault by name."""
 
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -169,3 +171,19 @@ def test_one_photograph_needs_a_mask_of_its_size(folder: Path) -> None:
     write_counts(folder / "other.png", np.full((5, 8), 255, np.uint8))
     with pytest.raises(ShapeError, match="8 x 6 pixels"):
         read_photograph(folder / "001.png", folder / "other.png")
+
+
+def test_a_compressed_matrix_that_unpacks_without_end_is_refused(folder: Path) -> None:
+    """4 MB of file that would be 4.5 GB in memory."""
+    from scipy.io import savemat
+
+    savemat(folder / "Normal_gt.mat", {"Normal_gt": np.zeros((6, 8, 3))}, do_compression=True)
+    assert read_photographs(folder).ground_truth is not None
+    packer = zlib.compressobj()
+    first, again = (packer.compress(bytes(2**27)) + packer.flush(zlib.Z_FULL_FLUSH) for _ in "12")
+    data = first + 33 * again
+    header = (folder / "Normal_gt.mat").read_bytes()[:128]
+    bomb = header + struct.pack("<II", 15, len(data)) + data
+    (folder / "Normal_gt.mat").write_bytes(bomb)
+    with pytest.raises(ResourceLimitError, match="unpacked"):
+        read_photographs(folder)

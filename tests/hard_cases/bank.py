@@ -1,12 +1,15 @@
 """One member under one kind in one dtype: what comes out, in a word.
 
 The truth is the same member in float64, fed with the same (rounded) numbers; float64 itself is
-held to finite values and gradients here, and to closed forms in the tests of the rooms.
+held to finite values and gradients here, and to closed forms in the tests of the rooms. float32
+runs under torch's anomaly mode: no step of the backward pass may make a NaN, not even one that a
+later step hides.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from typing import NamedTuple
 
 import torch
@@ -79,6 +82,14 @@ def attempt(subject: Subject, dtype: torch.dtype, leaves: Leaves) -> Result | Ou
         return Outcome(name, f"raised {name}: {error}"[:200])
 
 
+def attempt_watched(subject: Subject, dtype: torch.dtype, leaves: Leaves) -> Result | Outcome:
+    """The same in anomaly mode; a step that made a NaN is named."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that the mode is on, and where the forward step was
+        with torch.autograd.set_detect_anomaly(True):
+            return attempt(subject, dtype, leaves)
+
+
 def weights(output: Tensor) -> Tensor:
     """A different factor, a quarter to 1, for every element of an output."""
     steps = torch.arange(output.numel(), dtype=torch.float64)
@@ -124,7 +135,8 @@ def outcomes(subject: Subject, kind: Kind) -> dict[torch.dtype, Outcome]:
         wide = {k: t.double() for k, t in leaves.items()}
         if kept is None or not same_leaves(wide, kept[0]):
             kept = wide, attempt(subject, torch.float64, wide)
-        result = kept[1] if dtype == torch.float64 else attempt(subject, dtype, leaves)
+        run_it = attempt_watched if dtype == torch.float32 else attempt
+        result = kept[1] if dtype == torch.float64 else run_it(subject, dtype, leaves)
         found[dtype] = judged(result, kept[1], kind, dtype)
     return found
 

@@ -6,6 +6,7 @@ import trimesh
 
 from tests.tolerances import assert_close
 from torchradiometry import errors, shade, solve, transport
+from torchradiometry.errors import NotConvergedWarning
 from torchradiometry.geometry.patches import Patches, subdivide
 
 
@@ -98,3 +99,15 @@ def test_static_mistakes_are_named() -> None:
         shade.RadiosityShading()(albedo, albedo)
     with pytest.raises(errors.ShapeError, match="patch channel"):
         shade.RadiosityShading(torch.eye(3))(albedo[:, 0], albedo)
+
+
+def test_a_solver_that_stops_early_warns_and_says_so_in_its_status() -> None:
+    factors = torch.full((3, 3), 1 / 3, dtype=torch.float64)
+    bright, light = torch.full((3, 1), 0.9).double(), torch.tensor([[1.0], [0], [0]]).double()
+    layer = shade.RadiosityShading(factors, solve.Southwell(max_shots=1, at_once=1))
+    with pytest.warns(NotConvergedWarning, match="Southwell: got an error of up to"):
+        found = layer(bright, light)
+    solution = layer.solution(bright, light)
+    assert (solution.status == solve.Status.NOT_CONVERGED).all()
+    assert torch.equal(found, solution.radiosity)
+    shade.RadiosityShading(factors, solve.Direct())(bright, light)  # warnings are errors here

@@ -419,3 +419,13 @@ def test_bad_tensors_are_named() -> None:
 def test_enclosure_case_is_closed() -> None:
     assert_close(enclosure(torch.float64, SMALL)[2].sum(-1), 1.0)
     assert isinstance(SOLVERS[0].build(torch.float64).layer, shade.RadiosityShading)
+
+
+def test_shooting_ends_where_light_only_wanders() -> None:
+    """A "room" of negative exchanges, where light turns in circles: no turn leaves less to send."""
+    factors = torch.tensor([[0.0, 1.0], [-1.0, 0.0]], dtype=torch.float64)
+    white, light = torch.ones(2, 1).double(), torch.tensor([[1.0], [0.0]]).double()
+    solver = solve.Southwell(at_once=1)
+    found = solver.approximate(solve.as_operator(factors), white, light)
+    assert not found.converged.any()
+    assert found.products < 10_000 < solver.max_shots

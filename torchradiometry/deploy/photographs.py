@@ -26,7 +26,9 @@ uncalibrated photometric stereo", TPAMI 2019; IEC 61966-2-1 (sRGB).
 
 from __future__ import annotations
 
+import struct
 import warnings
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +45,7 @@ from torchradiometry.errors import (
     ResourceLimitError,
     ShapeError,
 )
-from torchradiometry.files import check_readable, read_counts, srgb_to_linear
+from torchradiometry.files import MAX_BYTES, check_readable, read_counts, srgb_to_linear
 
 __all__ = [
     "Photograph",
@@ -352,8 +354,33 @@ def _read_mat(path: Path) -> NDArray:
             "SciPy", "no installation", "run: pip install 'torchradiometry[onnx]'"
         ) from error
     try:
-        return np.asarray(loadmat(check_readable(path, "MATLAB file"))["Normal_gt"])
+        _check_unpacked(check_readable(path, "MATLAB file"))
+        return np.asarray(loadmat(path, variable_names=["Normal_gt"])["Normal_gt"])
+    except ResourceLimitError:
+        raise
     except Exception as error:
         raise FileFormatError(
             str(path), f"no array Normal_gt ({error})", "save H x W x 3 under that name"
         ) from error
+
+
+def _check_unpacked(path: Path) -> None:
+    """Refuse compressed variables of more than `MAX_BYTES`, unpacked in pieces and thrown away.
+
+    Level 5 MAT-files: 128 bytes of header, then `type size data`; type 15 is a zlib stream.
+    """
+    room = MAX_BYTES
+    with path.open("rb") as file:
+        order = "<" if file.read(128).endswith(b"IM") else ">"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(order + "II", tag)
+            if kind != 15:
+                file.seek(size, 1)
+                continue
+            stream, packed = zlib.decompressobj(), file.read(size)
+            while packed and not stream.eof and room >= 0:
+                room -= len(stream.decompress(packed, 2**20))
+                packed = stream.unconsumed_tail
+            if room < 0:
+                got = f"more than {MAX_BYTES} bytes when unpacked"
+                raise ResourceLimitError(str(path), got, "save H x W x 3 of one object")

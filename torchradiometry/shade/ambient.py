@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, ShapeError, require_floating
+from torchradiometry.errors import DTypeError, ShapeError, require_device, require_floating
 from torchradiometry.shade.lambertian import check_channels, image_irradiance
 from torchradiometry.shade.layout import check_image, chosen_sources
 from torchradiometry.sources.base import AbstractSource
@@ -61,6 +61,7 @@ def ambient_shading(
     """
     check_image("albedo", albedo)
     require_floating("radiance", radiance)
+    require_device("radiance", radiance, "albedo", albedo)
     if radiance.ndim in (1, 2):
         radiance = radiance.reshape(*radiance.shape, 1, 1)
         radiance = radiance if radiance.ndim == 4 else radiance.unsqueeze(0)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import nn
 
-from torchradiometry.errors import DTypeError, ShapeError, require_floating
+from torchradiometry.errors import DTypeError, ShapeError, require_device, require_floating
 from torchradiometry.materials.base import AbstractMaterial
 from torchradiometry.numerics import clamped_cosine, narrow, single
 from torchradiometry.shade.layout import chosen_sources
@@ -112,9 +112,12 @@ def _check(
             if tensor.dtype != normal.dtype:
                 got = f"{tensor.dtype} beside normals in {normal.dtype}"
                 raise DTypeError(where, got, "bring all to one dtype")
+            require_device(where, tensor, "normals", normal)
     near = [type(source).__name__ for source in sources if source.needs_position]
     if near and position is None:
         raise ShapeError("position", "None", f"{near[0]} is a near source; pass positions in m")
+    for held in (t for source in sources for t in source.state_dict().values()):
+        require_device("sources", held, "normals", normal)
     lights = sum(source.lights for source in sources)
     if visibility is not None and visibility.shape[0] != lights:
         raise ShapeError(

@@ -13,15 +13,17 @@ Light Between Diffuse Surfaces", SIGGRAPH 1984.
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, final
 
+import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import NotConvergedWarning, ShapeError
 from torchradiometry.solve.adjoints import AbstractAdjoint, Implicit, Unrolled
 from torchradiometry.solve.neumann import Neumann
 from torchradiometry.solve.operators import AbstractOperator, DenseOperator, as_operator
-from torchradiometry.solve.solution import Solution
+from torchradiometry.solve.solution import Solution, Status, advice
 from torchradiometry.solve.solver import AbstractSolver
 
 if TYPE_CHECKING:
@@ -93,11 +95,19 @@ class RadiosityShading(nn.Module):
         Returns:
             B, W/m2; divided by pi it is the patch's radiance.
 
+        Warns:
+            NotConvergedWarning: a solver that promises a tolerance stopped before it (with its
+                bound; make it an error by `warnings.filterwarnings`). `solution` says the same
+                in its status, without a warning.
+
         Differentiable in: all arguments, and what the operator holds.
         Export: compile yes, ONNX yes with `Neumann` and `AdaptiveNeumann`; the patch axis
             may stay dynamic.
         """
-        return self.solution(albedo, exitance, form_factors).radiosity
+        found = self.solution(albedo, exitance, form_factors)
+        if self.solver.promises and not torch.compiler.is_compiling():
+            _warn(type(self.solver).__name__, found)
+        return found.radiosity
 
     def solution(
         self,
@@ -115,3 +125,12 @@ class RadiosityShading(nn.Module):
         operator = self.operator
         patches = "given at call" if operator is None else operator.patches
         return f"patches={patches}, solver={self.solver}, adjoint={self.adjoint}, radiosity [W/m2]"
+
+
+def _warn(solver: str, found: Solution) -> None:
+    """Say that some system was not solved as well as it was asked to be."""
+    stopped = found.status == Status.NOT_CONVERGED
+    if bool(stopped.any()):
+        bound = float(found.bound[stopped].max())
+        text = f"{solver}: got an error of up to {bound:.2g} W/m2; {advice(Status.NOT_CONVERGED)}."
+        warnings.warn(text, NotConvergedWarning, stacklevel=3)

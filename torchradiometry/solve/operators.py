@@ -94,6 +94,11 @@ class AbstractOperator(ABC):
         return _known(self.area).dtype
 
     @property
+    def device(self) -> torch.device:
+        """Where the products are computed."""
+        return _known(self.area).device
+
+    @property
     def terms(self) -> int:
         """Roundings that one entry of a product may suffer one after the other."""
         return self.patches
@@ -187,6 +192,10 @@ class DenseOperator(AbstractOperator):
     @property
     def dtype(self) -> torch.dtype:
         return self.form_factors.dtype
+
+    @property
+    def device(self) -> torch.device:
+        return self.form_factors.device
 
 
 @final

@@ -23,6 +23,7 @@ from torchradiometry.errors import (
     OutOfRangeError,
     ShapeError,
     SingularSystemError,
+    require_device,
     require_floating,
 )
 from torchradiometry.solve.certificate import certified, gamma, inverse_norm
@@ -186,6 +187,10 @@ def broadcast(
             f"{exitance.dtype} with form factors in {operator.dtype}",
             "bring both to one dtype",
         )
+    require_device("albedo", albedo, "exitance", exitance)
+    if exitance.device != operator.device:
+        got = f"a tensor on {exitance.device} with form factors on {operator.device}"
+        raise DTypeError("exitance", got, "bring both to one device")
     try:
         albedo, exitance = torch.broadcast_tensors(albedo.to(exitance), exitance)
     except RuntimeError as error:

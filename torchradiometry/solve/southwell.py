@@ -38,11 +38,30 @@ if TYPE_CHECKING:
 __all__ = ["Southwell"]
 
 
+#: turns without progress after which nothing is expected of more shots
+STALLED = 100
+
+
 class _Shooting(NamedTuple):
     """B and what of it has not been sent on, W/m2."""
 
     radiosity: Float[Tensor, "*batch patch channel"]
     unsent: Float[Tensor, "*batch patch channel"]
+
+
+class _Watch(NamedTuple):
+    """The most light unsent of each system, in the last hundred turns and since, W/m2."""
+
+    before: Tensor
+    since: Tensor
+    start: int
+    stalled: bool = False
+
+    def seen(self, unsent: Tensor, shots: int, patches: int) -> _Watch:
+        since = torch.fmax(self.since, unsent.abs().amax(-2))
+        if shots - self.start < STALLED * patches:
+            return self._replace(since=since)
+        return _Watch(since, torch.zeros_like(since), shots, not bool((since < self.before).any()))
 
 
 @final
@@ -53,7 +72,9 @@ class Southwell(AbstractSolver):
     Args:
         tolerance: stop when the error is known to be below this share of the largest
             radiosity, or (always) when the light not sent is down to rounding.
-        max_shots: shots of single patches that are fired at most; status NOT_CONVERGED then.
+        max_shots: shots of single patches that are fired at most; status NOT_CONVERGED then, as
+            when the light not yet sent is, for a hundred turns (as many shots as patches),
+            no less than in the hundred before: then it does not converge.
         max_seconds: the same in s of wall time; None for no such limit.
         ambient_tail: add the calibrated ambient term for the light not sent.
         at_once: patches that shoot together.
@@ -92,10 +113,12 @@ class Southwell(AbstractSolver):
         allowed = allowed_residual(operator, albedo, self.tolerance)
         balance, turn = balance_of(operator, albedo), patches
         now = _Shooting(exitance, _sendable(operator, exitance))
+        watch = _Watch(now.unsent.new_tensor(torch.inf), now.unsent.new_tensor(0.0), 0)
         while True:
             done = settled(now.unsent, now.radiosity, allowed)
             late = self.max_seconds is not None and time.monotonic() - began > self.max_seconds
-            if bool(done.all()) or late or shots >= self.max_shots:
+            watch = watch.seen(now.unsent, shots, patches)
+            if bool(done.all()) or late or watch.stalled or shots >= self.max_shots:
                 break
             count = min(self.at_once, self.max_shots - shots, patches)
             now, shots = _shot(now, operator, albedo, count), shots + count
