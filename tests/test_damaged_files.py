@@ -268,7 +268,7 @@ WRITERS = {
     "train": ["shading", "--config", "SETTINGS"],
     "dataset": ["shading", "--config", "SETTINGS", "--count", "1"],
     "calibrate": ["BALL/001.png"],
-    "tradeoff": ["SCENE", "--width", "8", "--height", "6", "--repeats", "1"],
+    "tradeoff": ["ball", "--width", "8", "--height", "6", "--repeats", "1"],
 }
 ENDINGS = {"render": "a.npy", "plan": "a.json", "normals": "a.npy", "export": "a.onnx"}
 
