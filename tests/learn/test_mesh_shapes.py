@@ -191,7 +191,8 @@ def test_faults_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError):
         mesh_shapes(one("x.obj"), 1, 32, seeded(0))
     (tmp_path / "noise.stl").write_bytes(bytes(range(256)))
-    with pytest.raises(FileFormatError):
+    # as text, where trimesh can guess an encoding, it is a file without triangles
+    with pytest.raises((EmptySceneError, FileFormatError)):
         mesh_shapes(one("noise.stl"), 1, 32, seeded(0))
     (tmp_path / "empty.obj").write_text("v 0 0 0\n")
     with pytest.raises((EmptySceneError, FileFormatError)):
