@@ -33,7 +33,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.geometry import OrthographicCamera, depth_to_mesh, depth_to_normals
 from torchradiometry.render import RenderSettings, develop, view_scene
 from torchradiometry.scene import Scene, Surface
@@ -111,11 +111,11 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
     }
     rows = []
     for series in (found, truth):
-        rows.append(torch.cat([picture, series[0], *(2 * bounce for bounce in series[1:])], -1))
-    shown = torch.cat(rows, -2)[0].permute(1, 2, 0).clamp(min=0)
-    shown = shown.repeat_interleave(4, 0).repeat_interleave(4, 1)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, shown.numpy(), exposure=float(1 / picture.max()))
+        row = [picture, series[0], *(2 * bounce for bounce in series[1:])]
+        rows.append([panel[0].permute(1, 2, 0).numpy() for panel in row])
+    titles = ["photograph", "direct light", *(f"bounce {k}, x 2" for k in range(1, BOUNCES + 1))]
+    names, exposure = ("found", "rendered"), float(1 / picture.max())
+    write_panels(out, rows, titles, names=names, exposure=exposure, scale=4)
     return errors
 
 

@@ -34,7 +34,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.geometry import OrthographicCamera, depth_to_mesh, depth_to_normals
 from torchradiometry.render import RenderSettings, render_scene
 from torchradiometry.scene import Scene, Surface
@@ -162,17 +162,15 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, dict[str, float]]
                 title = model if known else f"{model}, albedo unknown"
                 found[name][title] = degrees(depth, truth)
                 panels += [normal_colours(depth)] if known else []
-        rows.append(torch.cat(panels, -1))
-    shown = torch.cat(rows[:4], -2)[0].permute(1, 2, 0)
-    shown = shown.repeat_interleave(6, 0).repeat_interleave(6, 1)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, shown.numpy(), exposure=1.0)
+        rows.append([panel[0].permute(1, 2, 0).numpy() for panel in panels])
+    titles = ("photograph", "true normals", "local model", "global model")
+    write_panels(out, rows[:4], titles, names=[*found][:4], scale=6)
     return found
 
 
 def normal_colours(depth: Tensor) -> Tensor:
     """Normals as colours, `1 3 n n`."""
-    return (depth_to_normals(depth, pixel_size=1 / len(depth[0, 0])) + 1) / 2
+    return ((depth_to_normals(depth, pixel_size=1 / len(depth[0, 0])) + 1) / 2) ** 2.2
 
 
 if __name__ == "__main__":

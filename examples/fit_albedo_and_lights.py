@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.shade import LambertianShading
 from torchradiometry.sources import DirectionalSource
 
@@ -108,9 +108,10 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
     with torch.no_grad():
         fitted = albedo() * inside
     first = [seen[k : k + 1] / seen.max() for k in (0, 2, 4)]
-    panels = torch.cat([*first, truth * inside, *shown, fitted], -1)[0].permute(1, 2, 0)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, panels.clamp(0, 1).numpy(), exposure=1.0)
+    panels = [p[0].permute(1, 2, 0).numpy() for p in (*first, truth * inside, *shown, fitted)]
+    titles = [f"photograph {k + 1}" for k in (0, 2, 4)] + ["true paint"]
+    titles += [f"after {step} steps" for step in (*SHOWN, steps)]
+    write_panels(out, [panels], titles)
     return errors_of(fitted, truth * inside, found, lamps)
 
 

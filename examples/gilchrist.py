@@ -23,7 +23,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.render import Picture, RenderSettings, render_scene
 from torchradiometry.render.picture import see
 from torchradiometry.render.world import prepare
@@ -95,8 +95,8 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, dict[str, float]]
     for name, bounces in ((ROOMS[0], 64), (ROOMS[1], 64), (ROOMS[1], 0)):
         picture = render(name, size if fast else SHOWN, bounces, max(patch_size, 0.5))
         panels.append(picture.radiance / picture.radiance[~picture.emitter].mean())
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, torch.cat(panels, 1).numpy(), exposure=0.4)
+    titles = ("white room", "black room", "black room, direct light alone")
+    write_panels(out, [[panel.numpy() for panel in panels]], titles, exposure=0.4)
     return found
 
 

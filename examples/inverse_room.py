@@ -31,7 +31,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.render import RenderSettings, View, develop, render_scene, view_scene
 from torchradiometry.scene import Scene, cornell_like_room
 
@@ -114,10 +114,9 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, dict[str, float]]
 
     exposure = 1 / float(picture[keep].quantile(0.98))
     paints = [paint_of(scene, colours) for colours in (truth, albedo, naive)]
-    shown = torch.cat([exposure * picture, *paints], 1).detach()
-    shown = shown.repeat_interleave(2, 0).repeat_interleave(2, 1)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, shown.clamp(min=0).numpy(), exposure=1.0)
+    panels = [panel.detach().numpy() for panel in (exposure * picture, *paints)]
+    titles = ("picture", "true paint", "found, all light", "found, direct light")
+    write_panels(out, [panels], titles, scale=2)
     return found
 
 

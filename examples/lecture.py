@@ -204,7 +204,7 @@ def interreflection(out: Path, fast: bool) -> dict[str, float]:
         "+ 2 bounces": RenderSettings(bounces=2, ambient_tail=False, **common),  # type: ignore[arg-type]
         "+ all": RenderSettings(bounces=24, **common),  # type: ignore[arg-type]
     }
-    figure = Figure(figsize=(9.6, 2.3), layout="constrained")
+    figure = Figure(figsize=(9.6, 2.05), layout="constrained")
     shares, pictures = {}, {}
     for name, settings in ways.items():
         with torch.no_grad():

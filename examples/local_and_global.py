@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.render import RenderSettings, render_scene
 from torchradiometry.scene import cornell_like_room
 
@@ -32,10 +32,10 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
             pictures.append(render_scene(scene, camera, settings))
     direct, one, full = (picture.radiance for picture in pictures)
     wall = ~pictures[0].emitter
-    panels = torch.cat([direct, full, full - direct], dim=1)
     exposure = 1 / float(full[wall].amax(-1).quantile(0.98))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, panels.clamp(min=0).numpy(), exposure=exposure)
+    panels = [picture.clamp(min=0).numpy() for picture in (direct, full, full - direct)]
+    titles = ("direct light", "all light", "what was reflected: the difference")
+    write_panels(out, [panels], titles, exposure=exposure)
     total = float(full[wall].sum())
     return {
         "direct": float(direct[wall].sum()) / total,

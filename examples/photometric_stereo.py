@@ -25,6 +25,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.deploy import (
     Photographs,
     angular_error,
@@ -33,7 +34,6 @@ from torchradiometry.deploy import (
     least_squares_normals,
     read_photographs,
 )
-from torchradiometry.files import write_picture
 from torchradiometry.geometry import depth_to_normals
 from torchradiometry.materials import BlinnPhong
 from torchradiometry.shade import DepthSettings, ShadeDepth
@@ -113,8 +113,8 @@ def main(
     normals = [photographs.ground_truth, *(method(photographs) for method in METHODS.values())]
     coloured = [((normal + 1) / 2) ** 2.2 for normal in normals]
     seen = [photographs.images[k] / photographs.images.max() * 1.6 for k in (0, 3, 7)]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, np.concatenate([*seen, *coloured], 1).clip(0, 1), exposure=1.0)
+    titles = ["photograph 1", "photograph 4", "photograph 8", "true normals", *METHODS]
+    write_panels(out, [[*seen, *coloured]], titles, scale=1 if fast else 2)
     if not source.is_dir():
         print(f"no photographs in {source.name}: the made-up relief alone")
         return errors

@@ -33,7 +33,7 @@ import torch
 import trimesh
 from torch import Tensor
 
-from torchradiometry.files import write_picture
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.render import Picture, RenderSettings, render_scene
 from torchradiometry.scene import Scene, Surface, quad
 from torchradiometry.scene.standard import camera
@@ -161,9 +161,11 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, tuple[float, floa
     )
     dark, bright = pictures(bowl(width, height), common | {"patch_size": 0.5})
     found |= {f"bowl, {k}": v for k, v in bowl_numbers(dark, bright).items()}
-    panels = [p.radiance / bright.radiance.max() for p in (direct, full, dark, bright)]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(out, torch.cat(panels, 1).numpy(), exposure=1.0)
+    panels = [p.radiance.numpy() for p in (direct, full, dark, bright)]
+    titles = [
+        f"{body}, {light} light" for body in ("groove", "bowl") for light in ("direct", "all")
+    ]
+    write_panels(out, [panels], titles, exposure=float(1 / bright.radiance.max()))
     return found
 
 

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.deploy import Photograph, estimate_surface
-from torchradiometry.files import read_counts, srgb_to_linear, write_picture
+from torchradiometry.files import read_counts, srgb_to_linear
 from torchradiometry.shade import image_irradiance
 from torchradiometry.sources import AbstractSource, AmbientDome, DirectionalSource, HarmonicSource
 
@@ -35,7 +36,7 @@ PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "religh
 #: what is shown of the portrait, and middle and half axes of the face, pixels (rows, columns)
 CROP, MIDDLE, AXES = (slice(132, 332), slice(178, 353)), (232, 265), (96, 84)
 #: pixels of each panel
-SHOWN = (132, 115)
+SHOWN = (128, 112)
 LAMPS: dict[str, list[AbstractSource]] = {
     "left": [DirectionalSource([-1.0, 0.2, 0.5], [2.0]), AmbientDome([0.04])],
     "right": [DirectionalSource([1.0, 0.4, 0.5], [2.0]), AmbientDome([0.04])],
@@ -84,10 +85,11 @@ def main(
         relit = torch.where(inside, seen * (new + floor) / (old + floor), 0)
         shown.append(relit)
         found[name] = float((relit - seen)[mask].abs().sum() / seen[mask].sum())
-    out.parent.mkdir(parents=True, exist_ok=True)
     small = functional.interpolate(torch.stack(shown).permute(0, 3, 1, 2), SHOWN, mode="area")
-    rows = small.reshape(2, 3, 3, *SHOWN).permute(0, 3, 1, 4, 2).reshape(2 * SHOWN[0], -1, 3)
-    write_picture(out, rows.clamp(min=0).numpy(), exposure=0.9)
+    panels = [*small.permute(0, 2, 3, 1).numpy()]
+    lit = ("from the left", "from the right", "from below", "from all sides")
+    titles = ("photograph", "normals found", *lit)
+    write_panels(out, [panels], titles, exposure=0.9)
     return found
 
 

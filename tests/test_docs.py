@@ -23,12 +23,13 @@ def test_snippet_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     exec(compile(code, "snippet", "exec"), {"__name__": "__main__"})
 
 
-def test_every_room_has_a_page_with_a_snippet_that_the_readme_links() -> None:
+def test_every_room_has_a_page_with_equation_picture_and_snippet_that_the_readme_links() -> None:
     readme = PAGES[0].read_text()
     rooms = [p.name for p in sorted((ROOT / "torchradiometry").iterdir()) if p.is_dir()]
     for room in set(rooms) - {"__pycache__", "cli", "demo", "models"}:
         page = ROOT / "docs" / f"{room}.md"
-        assert "```python" in page.read_text(), f"docs/{room}.md has no snippet"
+        for part, name in (("```python", "snippet"), ("$$", "equation"), ("![", "picture")):
+            assert part in page.read_text(), f"docs/{room}.md has no {name}"
         assert f"docs/{room}.md" in readme
 
 

@@ -109,6 +109,14 @@ def test_inverse_room(tmp_path: Path) -> None:
     assert (tmp_path / "room.png").stat().st_size > 500
 
 
+@pytest.mark.gl
+def test_rasteriser(tmp_path: Path) -> None:
+    found = load("rasteriser").main(fast=True, out=tmp_path / "ball.png")
+    assert found["median"] < 1e-5
+    assert found["worst"] < 1e-2
+    assert (tmp_path / "ball.png").stat().st_size > 500
+
+
 def test_penumbra(tmp_path: Path) -> None:
     found = load("penumbra").main(fast=True, out=tmp_path / "penumbra.png")
     assert found["half of the lamp"] == pytest.approx(0.5, abs=1e-9)

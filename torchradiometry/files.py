@@ -73,6 +73,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if not path.parent.is_dir():
         raise InputFileError(str(path), "a folder that does not exist", f"create {path.parent}")
+    if path.is_dir():
+        raise InputFileError(str(path), "a folder", "name a file")
     handle, name = tempfile.mkstemp(prefix=".", suffix=".tmp" + path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)

@@ -2,6 +2,7 @@
 //
 // FOLDER holds `set/` (a sample folder), `words.png` (no picture), `huge.png` (a header that claims
 // too many pixels) and `photo.png`, `mask.png`. Arrays are reported in base64.
+import { readFile } from "node:fs/promises";
 import { join } from "node:path";
 import { openBrowser, openPage } from "./browser.mjs";
 
@@ -54,6 +55,21 @@ async function found(page, act) {
   return observed(page);
 }
 
+/** Let files fall on the page, as from a file manager. */
+async function drop(page, ...names) {
+  const files = await Promise.all(names.map(async (name) => [name, (await readFile(join(folder, name))).toString("base64")]));
+  const dataTransfer = await page.evaluateHandle((files) => {
+    const transfer = new DataTransfer();
+    for (const [name, base64] of files) {
+      const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+      transfer.items.add(new File([bytes], name, { type: "image/png" }));
+    }
+    return transfer;
+  }, files);
+  await page.dispatchEvent("body", "dragover", { dataTransfer });
+  await page.dispatchEvent("body", "drop", { dataTransfer });
+}
+
 const browser = await openBrowser();
 const { page, complaints } = await openPage(browser, url, { hasTouch: true });
 page.setDefaultTimeout(TIMEOUT);
@@ -78,7 +94,10 @@ report.sentences = {};
 for (const name of ["words.png", "huge.png"]) report.sentences[name] = await sentence(page, () => choose(name));
 report.sentences.two = await sentence(page, () => choose("photo.png", "words.png"));
 report.photograph = await found(page, () => choose("photo.png", "mask.png"));
+report.sentences.dropped = await sentence(page, () => drop(page, "words.png"));
 report.sample = await found(page, () => page.locator("#sample").click());
+report.dropped = await found(page, () => drop(page, "photo.png", "mask.png"));
+await found(page, () => page.locator("#sample").click());
 const strokes = await page.locator("#photograph-canvas").boundingBox();
 report.brushed = await found(page, async () => {
   await page.mouse.move(strokes.x + 12, strokes.y + 12);

@@ -12,6 +12,12 @@ for (const [name, options] of Object.entries(KINDS)) {
   const { page, complaints } = await openPage(browser, url, options);
   await page.evaluate(() => radiometry.ready);
   await page.screenshot({ path: `${folder}/page-${name}.png`, fullPage: true });
+  if (name === "phone") {
+    const words = { name: "words.png", mimeType: "image/png", buffer: Buffer.from("no picture") };
+    await page.locator("#photograph").setInputFiles(words);
+    await page.waitForSelector("#error:not([hidden])");
+    await page.screenshot({ path: `${folder}/page-error.png` });
+  }
   console.log(name, complaints, await page.evaluate(() => document.documentElement.scrollWidth - innerWidth));
   await page.close();
 }

@@ -155,6 +155,7 @@ def test_normals_of_one_photograph_are_those_of_the_package(
     photograph = read_photograph(inputs / "photo.png", inputs / "mask.png")
     expected = estimate_normals(photograph)[photograph.mask]
     assert abs(planes(report["photograph"], "normal").T - expected).max() < NORMALS
+    assert report["dropped"]["pixels"] == report["photograph"]["pixels"]  # let fall on the page
     # the threshold of the page finds the same object in the sample as the mask does
     assert report["sample"]["pixels"] == report["first"]["pixels"]
     found = len(array(report["sample"]["pixels"], "<i4"))
@@ -171,6 +172,7 @@ def test_normals_of_a_folder_are_those_of_the_package(report: dict[str, Any], in
 def test_faults_are_sentences_and_the_console_stays_empty(report: dict[str, Any]) -> None:
     sentences = report["sentences"]
     assert sentences["words.png"].startswith("words.png is no picture that this browser can decode")
+    assert sentences["dropped"] == sentences["words.png"]
     assert "60000 x 60000 pixels" in sentences["huge.png"]
     assert "without light_directions.txt" in sentences["two"]
     assert "8 rows for 7 photographs" in sentences["folder"]

@@ -96,7 +96,7 @@ def demo(
 
 @app.command()
 def render(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="glTF, GLB or a mesh.")],
+    scene: Scene,
     out: Out,
     width: Width = 256,
     height: Height = 256,
@@ -110,9 +110,15 @@ def render(
     Example: torchradiometry render room.glb --width 320 --height 240 --out room.exr
     """
     report = torchradiometry.plan.render_file(
-        scene, out, width=width, height=height, tolerance=tolerance
+        scene, out, width=width, height=height, tolerance=tolerance, planned=_say_plan
     )
     print_report(report, json, f"{report['out']}: {report['seconds']:.2f} s.")
+
+
+def _say_plan(found: Any) -> None:
+    """What a picture will take, on standard error."""
+    seconds, error = found.predicted_seconds, found.predicted_error
+    typer.echo(f"Rendering: about {seconds:.2g} s, predicted error {error:.1%}.", err=True)
 
 
 @app.command()
@@ -130,7 +136,7 @@ def tradeoff(
 
     Example: torchradiometry tradeoff cornell --out tradeoff-cornell
     """
-    report = torchradiometry.plan.tradeoff_file(
+    report = torchradiometry.demo.tradeoff_folder(
         scene, out, width=width, height=height, repeats=repeats
     )
     print_report(report, json, f"{report['out']}: {report['seconds']:.0f} s.")

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from itertools import accumulate
 from pathlib import Path
 
-from torchradiometry.errors import MissingDependencyError
-from torchradiometry.files import atomic_path
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["draw_learning_curve", "sample_photograph"]
+from torchradiometry.errors import MissingDependencyError
+from torchradiometry.files import atomic_path, linear_to_srgb
+
+__all__ = ["draw_learning_curve", "sample_photograph", "write_panels"]
 
 
 def draw_learning_curve(path: Path, losses: Sequence[float], degrees: Sequence[float]) -> None:
@@ -29,6 +32,54 @@ def draw_learning_curve(path: Path, losses: Sequence[float], degrees: Sequence[f
     panels[1].legend(frameon=False)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110)
+
+
+def write_panels(
+    path: Path,
+    rows: Sequence[Sequence[NDArray[np.floating]]],
+    columns: Sequence[str],
+    *,
+    names: Sequence[str] = (),
+    exposure: float = 1.0,
+    scale: int = 1,
+) -> None:
+    """Pictures of one size beside each other, each column and row with its name.
+
+    Args:
+        path: a `.png`.
+        rows: pictures `H x W x 3`, linear.
+        columns: what stands above each column.
+        names: what stands on the left of each row.
+        exposure: factor before sRGB encoding.
+        scale: pixels on the screen for each of a picture, across and down.
+    """
+    _matplotlib()
+    from matplotlib.figure import Figure
+
+    height, width = (scale * n for n in rows[0][0].shape[:2])
+    left, top, gap, dots = (18 if names else 0), 18, 4, 100
+    across = left + len(columns) * (width + gap) - gap
+    down = top + len(rows) * (height + gap) - gap
+    figure = Figure(figsize=(across / dots, down / dots), dpi=dots)
+    for r, row in enumerate(rows):
+        below = 1 - (top + r * (height + gap) + height) / down
+        if names:
+            place = below + height / 2 / down
+            figure.text(4 / across, place, names[r], rotation=90, va="center", fontsize=7.5)
+        for c, picture in enumerate(row):
+            start = (left + c * (width + gap)) / across
+            axes = figure.add_axes((start, below, width / across, height / down))
+            axes.imshow(
+                linear_to_srgb((exposure * np.asarray(picture)).clip(0, 1)),
+                interpolation="nearest",
+                aspect="auto",
+            )
+            axes.set_axis_off()
+            if r == 0:
+                axes.set_title(columns[c], fontsize=7.5, pad=3)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=dots, pil_kwargs={"optimize": True})
 
 
 def sample_photograph() -> Path:

@@ -20,8 +20,9 @@ from rich.progress import (
 
 __all__ = ["Advance", "progress_bar"]
 
-#: called as advance(done, note): how many of the step's units are done, and a short word
-Advance = Callable[[int, str], None]
+#: called as advance(done, note): how many of the step's units are done, and a short word; or as
+#: advance(done, note, total) where their number is found only on the way
+Advance = Callable[..., None]
 
 
 @contextmanager
@@ -43,7 +44,9 @@ def progress_bar(*steps: tuple[str, int]) -> Iterator[list[Advance]]:
         yield [partial(_advance, bars, task) for task in tasks]
 
 
-def _advance(bars: Progress, task: TaskID, done: int, note: str = "") -> None:
+def _advance(
+    bars: Progress, task: TaskID, done: int, note: str = "", total: int | None = None
+) -> None:
     if done and not bars.tasks[task].started:
         bars.start_task(task)
-    bars.update(task, completed=done, note=note)
+    bars.update(task, completed=done, note=note, total=total)

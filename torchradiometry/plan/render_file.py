@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,7 @@ def render_file(
     width: int = 256,
     height: int = 256,
     tolerance: float = 0.03,
+    planned: Callable[[Plan], None] | None = None,
 ) -> dict[str, Any]:
     """Plan, render and write the picture of a scene file.
 
@@ -88,6 +90,7 @@ def render_file(
         out: ends in `.npy`, `.exr`, `.hdr` or `.png`.
         width, height: pixels.
         tolerance: relative L1 error of the picture, 0 < tolerance < 1.
+        planned: called with the plan before rendering: it predicts the time.
 
     Returns:
         `out`, `seconds`, `predicted_error`, `plan`, `stages`, `patches`, `rays`, `operator` (which
@@ -106,6 +109,8 @@ def render_file(
     planner = Planner(tolerance)
     made, warnings = open_scene(scene, width, height)
     plan = planner.plan(made, made.cameras[0])
+    if planned is not None:
+        planned(plan)
     with torch.no_grad():
         picture = render_scene(made, made.cameras[0], plan.settings)
     pixels = picture.radiance

@@ -132,6 +132,7 @@ def tradeoff(
     repeats: int = 3,
     rungs: Sequence[Rung] | None = None,
     choices: Sequence[Rung] = (),
+    progress: Callable[[int, int, str], None] | None = None,
 ) -> Tradeoff:
     """Climb the ladder and measure every rung.
 
@@ -146,6 +147,7 @@ def tradeoff(
         repeats: runs of each rung, >= 1.
         rungs: by default `ladder(scene)`.
         choices: settings to be measured besides, such as a planner's.
+        progress: called after each rung with how many are done, how many there are, and its name.
 
     Raises:
         EmptySceneError: no triangle, no camera, or a picture without light.
@@ -160,7 +162,7 @@ def tradeoff(
     if reference is not None and reference.shape[:2] != (camera.height, camera.width):
         got = f"shape {tuple(reference.shape)} for {camera.width} x {camera.height} pixels"
         raise ShapeError("reference", got, "pass height x width x channel")
-    runs, skipped = _climb(scene, camera, rungs, choices, repeats)
+    runs, skipped = _climb(scene, camera, rungs, choices, repeats, progress)
     mask = ~runs[len(runs) - len(choices) - 1].emitter
     truth = runs[len(runs) - len(choices) - 1].radiance if reference is None else reference
     return Tradeoff(
@@ -200,21 +202,30 @@ def _climb(
     rungs: Sequence[Rung],
     choices: Sequence[Rung],
     repeats: int,
+    progress: Callable[[int, int, str], None] | None,
 ) -> tuple[list[_Run], list[str]]:
     """Every rung that differs from the one before, the choices, and the names of the others."""
     develop(_view(scene, camera, rungs[0]), scene)  # what is loaded at first use counts nowhere
     before = resident_memory() or 0
     runs: list[_Run] = []
     skipped = []
-    for rung in rungs:
+
+    def tell(done: int, name: str) -> None:
+        if progress is not None:
+            progress(done, len(rungs) + len(choices), name)
+
+    for done, rung in enumerate(rungs, 1):
         first = _measure(scene, camera, rung, 1, before)
         last = rung is rungs[-1]
         if runs and not last and _relative(first.radiance, runs[-1].radiance) < SAME:
             skipped.append(rung.name)
-            continue
-        more = _measure(scene, camera, rung, repeats - 1, before) if repeats > 1 else None
-        runs.append(first if more is None else _together(first, more))
-    runs += [_measure(scene, camera, c, repeats, before)._replace(chosen=True) for c in choices]
+        else:
+            more = _measure(scene, camera, rung, repeats - 1, before) if repeats > 1 else None
+            runs.append(first if more is None else _together(first, more))
+        tell(done, rung.name)
+    for done, choice in enumerate(choices, len(rungs) + 1):
+        runs.append(_measure(scene, camera, choice, repeats, before)._replace(chosen=True))
+        tell(done, choice.name)
     return runs, skipped
 
 

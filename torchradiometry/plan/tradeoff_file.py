@@ -7,6 +7,7 @@ shows where the planner's choices lie.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from torchradiometry.errors import InputFileError
@@ -23,7 +24,13 @@ TOLERANCES = (0.1, 0.03, 0.01)
 
 
 def tradeoff_file(
-    scene: str | Path, out: str | Path, *, width: int = 96, height: int = 72, repeats: int = 3
+    scene: str | Path,
+    out: str | Path,
+    *,
+    width: int = 96,
+    height: int = 72,
+    repeats: int = 3,
+    progress: Callable[[int, int, str], None] | None = None,
 ) -> dict[str, object]:
     """Measure the ladder of a scene and write tables and plots.
 
@@ -32,6 +39,7 @@ def tradeoff_file(
         out: folder, made if it is not there.
         width, height: pixels.
         repeats: runs of each rung, >= 1.
+        progress: as of `tradeoff`.
 
     Returns:
         `out`, `seconds`, `warnings` (faults of the scene that a picture survives) and what
@@ -54,7 +62,7 @@ def tradeoff_file(
         Rung(f"plan {100 * t:g} %", Planner(t).plan(made, made.cameras[0]).settings)
         for t in TOLERANCES
     ]
-    found = tradeoff(made, repeats=repeats, choices=plans)
+    found = tradeoff(made, repeats=repeats, choices=plans, progress=progress)
     folder.mkdir(exist_ok=True)
     found.save_csv(folder / "tradeoff.csv")
     found.save_json(folder / "tradeoff.json")
