@@ -1,9 +1,10 @@
 """What the local layers cost: `python -m tests.benchmarks.layers`.
 
 Baselines in the same run: copying the bytes that a layer reads and writes, and the same formula
-written out in plain PyTorch. Median and spread (interquartile range) of repeats, in ms; forward
-without gradients, and forward with backward to every input. With --accuracy instead: the worst
-relative error of the highlight in float32, of the layer and of the plain formula.
+written out in plain PyTorch; layer and formula also through `torch.compile`. Median and spread
+(interquartile range) of repeats, in ms; forward without gradients, and forward with backward to
+every input. With --accuracy instead: the worst relative error of the highlight in float32, of the
+layer and of the plain formula.
 """
 
 from __future__ import annotations
@@ -110,7 +111,10 @@ def backward(call: Callable, read: list[Tensor]) -> Callable[[], object]:
 
 def rows(size: tuple[int, int, int], repeats: int) -> list[dict[str, object]]:
     found = []
-    for name, (ways, read) in cases(*size).items():
+    for name, (eager, read) in cases(*size).items():
+        ways = dict(eager)
+        for way, call in eager.items():
+            ways[f"{way}, compiled"] = torch.compile(call, fullgraph=True)
         with torch.no_grad():
             timed = {("copy", "forward"): measured(copy_of(read), repeats)}
             for way, call in ways.items():

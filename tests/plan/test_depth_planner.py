@@ -56,6 +56,24 @@ def test_the_error_is_within_the_tolerance_or_the_plan_says_so(
         assert predicted <= tolerance or plan.notes, name
 
 
+@pytest.mark.parametrize("size", [64, 112])
+def test_roughness_from_pixel_to_pixel_counts(size: int) -> None:
+    """Every s-th pixel alone shows slopes half as steep, and half of the reflected light."""
+    grain = torch.rand(2, 1, size, size, generator=torch.Generator().manual_seed(4))
+    depth = 2 + grain * torch.tensor([0.3, 1.2]).reshape(2, 1, 1, 1) / size
+    rho = torch.full_like(depth, 0.7)
+    light = DirectionalSource([0.4, 0.2, 0.9], [3.0])
+    best = DepthSettings(cells=min(size, 64), azimuths=16, bounces=8, ambient_tail=True)
+    true = ShadeDepth(best, [light], pixel_size=1 / size)(depth, rho)
+    for tolerance in (0.1, 0.03):
+        plan = DepthPlanner(tolerance).plan(depth, rho, light, pixel_size=1 / size)
+        found = plan.build(light, pixel_size=1 / size)(depth, rho)
+        errors = (found - true).abs().sum((1, 2, 3)) / true.sum((1, 2, 3))
+        for error, predicted in zip(errors.tolist(), plan.predicted_error, strict=True):
+            assert error <= predicted
+            assert predicted <= tolerance or plan.notes
+
+
 def test_convex_surfaces_pay_for_nothing_and_deep_ones_for_what_they_need() -> None:
     names, depth = maps()
     rho = torch.full_like(depth, 0.7)

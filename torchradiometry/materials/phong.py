@@ -113,7 +113,7 @@ def normalized_phong_brdf(
     tensor([5.])
     """
     lobe = mirror_lobe(incident_direction, outgoing_direction, normal, shininess)
-    height = (shininess.to(lobe.dtype) + 2) / (2 * math.pi)
+    height = (shininess.to(lobe.dtype) + 2) * (0.5 / math.pi)
     dtype = torch.promote_types(specular.dtype, incident_direction.dtype)
     return (specular * (height * lobe)).to(dtype)
 

@@ -1,7 +1,9 @@
 """A quick look at depth maps: what each effect of global light is worth, image by image.
 
-Every s-th pixel of a map is a map of its own, of a camera with s times larger pixels. On it the
-layers of `shade` are run, and what each effect adds is compared with the whole radiance:
+Every s-th pixel of a map is a map of its own, of a camera with s times larger pixels: it shows
+what is far apart. The middle of the map, with all its pixels, shows what is small: rough surfaces
+shade and light themselves from one pixel to the next. On both the layers of `shade` are run, what
+each effect adds is compared with the whole radiance, and the larger share counts:
 
     cast shadows        sum of L_d (1 - V), and what of it would have been reflected
     ambient occlusion   the same for light from everywhere
@@ -35,6 +37,8 @@ __all__ = ["DepthLevel", "DepthMaps", "depth_levels"]
 
 #: pixels along the longer edge of a map that is looked at, and a cell for each
 PILOT = 32
+#: pixels along the edges of the middle that is looked at whole
+MIDDLE = 64
 #: factor on estimates: the pilot sees a coarser surface
 MARGIN = 1.5
 #: the same for what cells leave: a cliff is a pixel wide in the map, and a cell in the pilot
@@ -68,31 +72,36 @@ class DepthMaps(NamedTuple):
         """Every s-th pixel, at most `PILOT` along the longer edge."""
         stride = -(-max(self.depth.shape[-2:]) // PILOT)
         first = stride // 2
+        return self._cut((slice(first, None, stride), slice(first, None, stride)), stride)
 
-        def every(image: Tensor | None) -> Tensor | None:
-            return None if image is None else image[..., first::stride, first::stride]
+    def middle(self) -> DepthMaps:
+        """About `MIDDLE` rows and columns, as far from one edge as from the other."""
+        starts = [max(0, (n - MIDDLE) // 2) for n in self.depth.shape[-2:]]
+        return self._cut(
+            [slice(k, n - k) for k, n in zip(starts, self.depth.shape[-2:], strict=True)]
+        )
+
+    def _cut(self, window: Sequence[slice], stride: int = 1) -> DepthMaps:
+        """Rows and columns, seen by a camera of its own: pixels of `stride`, the same centre."""
+        rows, columns = window
+
+        def part(image: Tensor | None) -> Tensor | None:
+            return None if image is None else image[..., rows, columns]
 
         matrix = self.intrinsics
         if matrix is not None:
             matrix = matrix.clone()
+            first = matrix.new_tensor([columns.start, rows.start])
             matrix[..., :2, 2] = (matrix[..., :2, 2] - first - 0.5) / stride + 0.5
             matrix[..., 0, 0], matrix[..., 1, 1] = (
                 matrix[..., 0, 0] / stride,
                 matrix[..., 1, 1] / stride,
             )
         size = None if self.pixel_size is None else self.pixel_size * stride
-        maps = (every(image) for image in (self.depth, self.albedo))
+        maps = (part(image) for image in (self.depth, self.albedo))
         depth, albedo = (image for image in maps if image is not None)
-        return DepthMaps(
-            depth,
-            albedo,
-            self.sources,
-            matrix,
-            size,
-            every(self.specular),
-            every(self.shininess),
-            self.lobe,
-        )
+        specular, shininess = part(self.specular), part(self.shininess)
+        return DepthMaps(depth, albedo, self.sources, matrix, size, specular, shininess, self.lobe)
 
     def shaded(self, **settings: object) -> Float[Tensor, "B C H W"]:
         """Radiance of every image, `B C H W`, with these `DepthSettings`."""
@@ -133,6 +142,8 @@ class DepthLevel(NamedTuple):
 def depth_levels(maps: DepthMaps) -> list[dict[str, tuple[DepthLevel, ...]]]:
     """For every image, each effect's levels from left out to best."""
     worth = _worth(maps.coarse())
+    if max(maps.depth.shape[-2:]) > PILOT:
+        worth = [far.or_more(near) for far, near in zip(worth, _worth(maps.middle()), strict=True)]
     lights = sum(s.lights for s in maps.sources if s.has_direction)
     domes = any(not s.has_direction for s in maps.sources)
     glossy = maps.specular is not None and maps.shininess is not None
@@ -163,6 +174,13 @@ class _Worth(NamedTuple):
     coarse: tuple[float, ...]
     series: tuple[float, ...]
 
+    def or_more(self, other: _Worth) -> _Worth:
+        """The larger of each share."""
+        one = (*self[:4], *self.coarse, *self.series)
+        two = (*other[:4], *other.coarse, *other.series)
+        most = [max(pair) for pair in zip(one, two, strict=True)]
+        return _Worth(most[0], most[1], most[2], most[3], tuple(most[4:6]), tuple(most[6:]))
+
 
 def _worth(small: DepthMaps) -> list[_Worth]:
     """What each effect is worth in each image."""
@@ -182,7 +200,7 @@ def _worth(small: DepthMaps) -> list[_Worth]:
             tail=tail,
         )
 
-    every = reflected(max(2, *small.depth.shape[-2:]), *CONVERGED)
+    every = reflected(max(2, min(PILOT, max(small.depth.shape[-2:]))), *CONVERGED)
     glossy = small.specular is not None and small.shininess is not None
     lobe = small.shaded(bounces=0) - direct if glossy else torch.zeros_like(direct)
     whole = _total(direct + every + lobe)

@@ -178,7 +178,7 @@ class ShadeDepth(nn.Module):
             to_points(eye),
             visibility_to_points(visibility),
         )
-        return torch.addcmul(radiance, specular, to_image(highlight, normal))
+        return radiance + specular * to_image(highlight, normal)
 
     def _direct(
         self,

@@ -16,13 +16,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, final
 
-import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError
 from torchradiometry.numerics import narrow, single
+from torchradiometry.shade.bands import in_bands
 from torchradiometry.shade.layout import (
     check_image,
     check_sources,
@@ -63,7 +64,21 @@ def image_irradiance(
         at the horizon has gradient 0.
     Export: compile yes, ONNX yes.
     """
+    check_light(normal, sources, position, visibility)
     return narrow(received_irradiance(normal, sources, position, visibility), normal.dtype)
+
+
+def check_light(
+    normal: Tensor,
+    sources: Sequence[AbstractSource],
+    position: Tensor | None,
+    visibility: Tensor | None,
+) -> None:
+    """Raise unless normals, sources, positions and visibility go together."""
+    check_image("normal", normal, 3)
+    check_sources(sources, normal, position)
+    if visibility is not None:
+        check_image("visibility", visibility, None, normal)
 
 
 def received_irradiance(
@@ -73,10 +88,7 @@ def received_irradiance(
     visibility: Float[Tensor, "B light H W"] | None,
 ) -> Float[Tensor, "B channel H W"]:
     """`image_irradiance` in float32 at least: the radiance may fit where it does not."""
-    check_image("normal", normal, 3)
-    check_sources(sources, normal, position)
     if visibility is not None:
-        check_image("visibility", visibility, None, normal)
         (visibility,) = single(visibility)
     points = None if position is None else single(to_points(position))[0]
     (facing,) = single(to_points(normal))
@@ -110,8 +122,19 @@ def lambertian_shading(
         where the albedo is 0.
     Export: compile yes, ONNX yes.
     """
-    check_image("normal", normal, 3)
+    check_light(normal, sources, position, visibility)
     check_image("albedo", albedo, None, normal)
+    return in_bands(partial(shaded_band, sources), normal, albedo, position, visibility)
+
+
+def shaded_band(
+    sources: Sequence[AbstractSource],
+    normal: Float[Tensor, "B 3 H W"],
+    albedo: Float[Tensor, "B C H W"],
+    position: Float[Tensor, "B 3 H W"] | None,
+    visibility: Float[Tensor, "B light H W"] | None,
+) -> Float[Tensor, "B C H W"]:
+    """`lambertian_shading` of a band of rows that were checked."""
     received = received_irradiance(normal, sources, position, visibility)
     check_channels("albedo", albedo, received)
     return diffuse_radiance(albedo, received)
@@ -131,10 +154,7 @@ def diffuse_radiance(
     """
     dtype = albedo.dtype
     albedo, received = single(albedo, received)
-    if torch.compiler.is_exporting():  # the exporter rounds addcmul's factor to float32
-        return narrow(albedo * received / math.pi, dtype)
-    # one pass over the pixels: 0 + (1/pi) * albedo * E
-    return narrow(torch.addcmul(albedo.new_zeros(()), albedo, received, value=1 / math.pi), dtype)
+    return narrow((albedo * received).mul_(1 / math.pi), dtype)
 
 
 def check_channels(where: str, image: Tensor, received: Tensor) -> None:
