@@ -1,12 +1,14 @@
-"""Pictures beside each other keep their pixels; a bar learns its length on the way."""
+"""Pictures beside each other keep their pixels; bars keep to plain text."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from torchradiometry.demo import tradeoff_folder
 from torchradiometry.demo.curve import write_panels
 from torchradiometry.demo.progress import progress_bar
 from torchradiometry.files import read_picture, srgb_to_linear
@@ -25,10 +27,12 @@ def test_panels_keep_every_pixel(tmp_path: Path) -> None:
             np.testing.assert_allclose(shown, picture, atol=0.01)
 
 
-def test_a_bar_may_learn_its_length_on_the_way(capfd: pytest.CaptureFixture[str]) -> None:
-    with progress_bar(("Rungs", 1)) as (advance,):
-        advance(3, "the last", 4)
-    assert "3/4" in capfd.readouterr().err
+def test_a_ladder_tells_how_far_it_is(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    tradeoff_folder("ball", tmp_path / "ball", width=8, height=6, repeats=1)
+    said = capfd.readouterr().err
+    done, total = re.search(r"Measuring rungs.* (\d+)/(\d+) ", said).groups()
+    assert done == total
+    assert "plan 1 %" in said
 
 
 def test_no_colour_where_none_is_wanted(

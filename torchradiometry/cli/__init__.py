@@ -280,7 +280,7 @@ def _numbers(option: str, text: str) -> list[float]:
 def main() -> None:
     """Run the command line; a named error is one sentence and exit code 2."""
     try:
-        app()
+        app(prog_name="torchradiometry")
     except RadiometryError as error:
         typer.echo(f"torchradiometry: {error}", err=True)
         sys.exit(2)

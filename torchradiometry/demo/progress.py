@@ -17,12 +17,12 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 
 __all__ = ["Advance", "progress_bar"]
 
-#: called as advance(done, note): how many of the step's units are done, and a short word; or as
-#: advance(done, note, total) where their number is found only on the way
-Advance = Callable[..., None]
+#: called as advance(done, note): how many of the step's units are done, and a short word
+Advance = Callable[[int, str], None]
 
 
 @contextmanager
@@ -32,11 +32,11 @@ def progress_bar(*steps: tuple[str, int]) -> Iterator[list[Advance]]:
     On a terminal the bars move; elsewhere their last state is printed when the block ends.
     """
     columns = (
-        TextColumn("{task.description:28s}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        TextColumn("{task.description:27s}"),
+        BarColumn(bar_width=None),  # gives way where the line is short; numbers do not
+        MofNCompleteColumn(table_column=Column(no_wrap=True, min_width=7)),
+        TimeElapsedColumn(table_column=Column(no_wrap=True, min_width=7)),
+        TimeRemainingColumn(table_column=Column(no_wrap=True, min_width=7)),
         TextColumn("{task.fields[note]}"),
     )
     with Progress(*columns, console=Console(file=sys.stderr)) as bars:
@@ -44,9 +44,7 @@ def progress_bar(*steps: tuple[str, int]) -> Iterator[list[Advance]]:
         yield [partial(_advance, bars, task) for task in tasks]
 
 
-def _advance(
-    bars: Progress, task: TaskID, done: int, note: str = "", total: int | None = None
-) -> None:
+def _advance(bars: Progress, task: TaskID, done: int, note: str = "") -> None:
     if done and not bars.tasks[task].started:
         bars.start_task(task)
-    bars.update(task, completed=done, note=note, total=total)
+    bars.update(task, completed=done, note=note)

@@ -147,7 +147,8 @@ def tradeoff(
         repeats: runs of each rung, >= 1.
         rungs: by default `ladder(scene)`.
         choices: settings to be measured besides, such as a planner's.
-        progress: called after each rung with how many are done, how many there are, and its name.
+        progress: called before the first rung and after each: how many are done, of how many,
+            and its name.
 
     Raises:
         EmptySceneError: no triangle, no camera, or a picture without light.
@@ -214,6 +215,7 @@ def _climb(
         if progress is not None:
             progress(done, len(rungs) + len(choices), name)
 
+    tell(0, "")
     for done, rung in enumerate(rungs, 1):
         first = _measure(scene, camera, rung, 1, before)
         last = rung is rungs[-1]
