@@ -28,7 +28,7 @@ from torchradiometry.deploy import find_model, open_model, run_model
 from torchradiometry.geometry import hemisphere_quadrature, normals_to_heights
 from torchradiometry.learn import Shapes, angle_degrees, estimate_light, random_shapes
 from torchradiometry.learn.light import RIDGE
-from torchradiometry.learn.shapes import FAMILIES
+from torchradiometry.learn.samples.shapes import FAMILIES
 from torchradiometry.shade import AmbientOcclusion, LambertianShading, cast_shadows
 from torchradiometry.sources import DirectionalSource, HarmonicSource
 

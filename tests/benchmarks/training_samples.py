@@ -24,7 +24,7 @@ from torch import Tensor
 
 from torchradiometry.geometry import OrthographicCamera, depth_to_mesh
 from torchradiometry.learn import Shapes, random_shapes
-from torchradiometry.learn.shapes import FAMILIES
+from torchradiometry.learn.samples.shapes import FAMILIES
 from torchradiometry.materials import BlinnPhong
 from torchradiometry.reference import ReferenceBuffers, render_reference
 from torchradiometry.scene import Scene, Surface, Texture

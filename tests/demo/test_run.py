@@ -13,8 +13,8 @@ import pytest
 from torchradiometry.demo import network, run_demo
 from torchradiometry.errors import InputFileError
 from torchradiometry.files import write_picture
-from torchradiometry.learn.data import SurfaceOptions
-from torchradiometry.learn.settings import PhotometricTraining
+from torchradiometry.learn.samples.data import SurfaceOptions
+from torchradiometry.learn.training.settings import PhotometricTraining
 
 TINY = PhotometricTraining(
     steps=4, surfaces=SurfaceOptions(shapes=2, pixels=40, lights=12, size=24), features=16, depth=1

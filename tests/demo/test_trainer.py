@@ -19,11 +19,16 @@ from torchradiometry.demo.trainer import torch_threads
 from torchradiometry.deploy.runtime import open_model
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
 from torchradiometry.export import OnnxCheck
-from torchradiometry.learn.checkpoints import load_checkpoint
-from torchradiometry.learn.data import SurfaceOptions
-from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining, Training, kind_of
-from torchradiometry.learn.settings_file import read_training, write_training
-from torchradiometry.learn.training import train
+from torchradiometry.learn.samples.data import SurfaceOptions
+from torchradiometry.learn.training.checkpoints import load_checkpoint
+from torchradiometry.learn.training.loop import train
+from torchradiometry.learn.training.settings import (
+    PhotometricTraining,
+    ShadingTraining,
+    Training,
+    kind_of,
+)
+from torchradiometry.learn.training.settings_file import read_training, write_training
 
 PHOTOMETRIC = PhotometricTraining(
     steps=8,

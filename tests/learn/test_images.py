@@ -7,8 +7,10 @@ import pytest
 import torch
 
 from torchradiometry.errors import IndexRangeError, OutOfRangeError
-from torchradiometry.learn import geometry_bank, images
-from torchradiometry.learn.data import (
+from torchradiometry.learn.losses import angle_degrees
+from torchradiometry.learn.networks import least_squares
+from torchradiometry.learn.samples import geometry_bank, images
+from torchradiometry.learn.samples.data import (
     PhotometricSamples,
     ShadingSamples,
     SurfaceOptions,
@@ -16,8 +18,6 @@ from torchradiometry.learn.data import (
     make_bank,
     make_shapes,
 )
-from torchradiometry.learn.losses import angle_degrees
-from torchradiometry.learn.networks import least_squares
 from torchradiometry.materials.microfacet import Microfacet
 from torchradiometry.materials.oren_nayar import OrenNayar
 from torchradiometry.materials.sum import SumMaterial

@@ -11,7 +11,7 @@ from torch.autograd import gradcheck
 
 from torchradiometry.errors import OutOfRangeError, ShapeError
 from torchradiometry.learn.light import estimate_light
-from torchradiometry.learn.shapes import random_shapes
+from torchradiometry.learn.samples.shapes import random_shapes
 from torchradiometry.shade.lambertian import LambertianShading
 from torchradiometry.sources.harmonics import HarmonicSource
 

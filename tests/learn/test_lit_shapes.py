@@ -4,8 +4,8 @@ import torch
 from torch import Tensor
 
 from torchradiometry.learn import ShapeBank, Shapes, height_to_normals, light_shapes, random_shapes
-from torchradiometry.learn.lit_shapes import places, turned_shapes
-from torchradiometry.learn.single_images import photograph
+from torchradiometry.learn.samples.lit_shapes import places, turned_shapes
+from torchradiometry.learn.samples.single_images import photograph
 from torchradiometry.numerics import clamped_cosine
 from torchradiometry.shade.layout import to_points
 from torchradiometry.sources.point import point_arrival

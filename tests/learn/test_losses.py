@@ -7,7 +7,7 @@ import torch
 from torch.autograd import gradcheck
 
 from torchradiometry.learn import integrability_loss, rendering_loss
-from torchradiometry.learn.shapes import height_to_normals, random_shapes
+from torchradiometry.learn.samples.shapes import height_to_normals, random_shapes
 from torchradiometry.shade.lambertian import LambertianShading
 from torchradiometry.sources.directional import DirectionalSource
 

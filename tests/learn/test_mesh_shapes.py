@@ -22,11 +22,11 @@ from torchradiometry.errors import (
     MissingDependencyError,
     OutOfRangeError,
 )
-from torchradiometry.learn.mesh_shapes import mesh_heights, mesh_shapes, random_rotation
-from torchradiometry.learn.settings import ShadingTraining
-from torchradiometry.learn.settings_file import training_from_table, training_table
-from torchradiometry.learn.shapes import random_shapes
-from torchradiometry.learn.solids import grid
+from torchradiometry.learn.samples.mesh_shapes import mesh_heights, mesh_shapes, random_rotation
+from torchradiometry.learn.samples.shapes import random_shapes
+from torchradiometry.learn.samples.solids import grid
+from torchradiometry.learn.training.settings import ShadingTraining
+from torchradiometry.learn.training.settings_file import training_from_table, training_table
 from torchradiometry.transport.brute_force import BruteForceRays
 from torchradiometry.transport.embree import EmbreeRays
 
@@ -165,7 +165,7 @@ def test_without_embree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     def missing(corners: Tensor) -> None:
         raise MissingDependencyError("embreex", "no installation", "install it")
 
-    module = import_module("torchradiometry.learn.mesh_shapes")
+    module = import_module("torchradiometry.learn.samples.mesh_shapes")
     monkeypatch.setattr(module, "EmbreeRays", missing)
     slow = mesh_shapes([path], 1, 32, seeded(0))
     assert torch.equal(fast.mask, slow.mask)

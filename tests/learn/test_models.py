@@ -20,7 +20,7 @@ from tests.benchmarks.photographs import (
 )
 from torchradiometry.deploy import Photographs, read_photographs
 from torchradiometry.learn import read_training
-from torchradiometry.learn.settings import kind_of
+from torchradiometry.learn.training.settings import kind_of
 
 SHIPPED = sorted(path.parent for path in MODELS.glob("*/model.onnx"))
 #: what two processors and two versions of onnxruntime may differ by, degrees, and the rounding

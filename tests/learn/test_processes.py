@@ -11,11 +11,11 @@ import pytest
 import torch
 
 from torchradiometry.errors import OutOfRangeError
-from torchradiometry.learn.data import SurfaceOptions
-from torchradiometry.learn.processes import ALONE, Processes, started_together
-from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining, Training
-from torchradiometry.learn.settings_file import write_training
-from torchradiometry.learn.training import Machine, train
+from torchradiometry.learn.samples.data import SurfaceOptions
+from torchradiometry.learn.training.loop import Machine, train
+from torchradiometry.learn.training.processes import ALONE, Processes, started_together
+from torchradiometry.learn.training.settings import PhotometricTraining, ShadingTraining, Training
+from torchradiometry.learn.training.settings_file import write_training
 
 PHOTOMETRIC = PhotometricTraining(
     steps=6,

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
-from torchradiometry.learn.data import SurfaceOptions
-from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining, Training
-from torchradiometry.learn.settings_file import (
+from torchradiometry.learn.samples.data import SurfaceOptions
+from torchradiometry.learn.training.settings import PhotometricTraining, ShadingTraining, Training
+from torchradiometry.learn.training.settings_file import (
     read_training,
     training_from_table,
     training_table,

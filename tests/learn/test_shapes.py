@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from torchradiometry.errors import OutOfRangeError
-from torchradiometry.learn.shapes import FAMILIES, height_to_normals, random_shapes
+from torchradiometry.learn.samples.shapes import FAMILIES, height_to_normals, random_shapes
 
 
 def seeded(seed: int) -> torch.Generator:

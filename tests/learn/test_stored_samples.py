@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from torchradiometry.errors import FileFormatError, IndexRangeError, InputFileError
-from torchradiometry.learn.data import SurfaceOptions
-from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining, Training
-from torchradiometry.learn.stored_samples import StoredSamples, write_samples
-from torchradiometry.learn.training import train
+from torchradiometry.learn.samples.data import SurfaceOptions
+from torchradiometry.learn.samples.stored_samples import StoredSamples, write_samples
+from torchradiometry.learn.training.loop import train
+from torchradiometry.learn.training.settings import PhotometricTraining, ShadingTraining, Training
 
 PHOTOMETRIC = PhotometricTraining(
     steps=4,

@@ -7,15 +7,10 @@ import pytest
 import torch
 
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
-from torchradiometry.learn.data import SurfaceOptions
+from torchradiometry.learn import PhotometricTraining, ShadingTraining, load_checkpoint, train
 from torchradiometry.learn.losses import angle_degrees
 from torchradiometry.learn.networks import robust_normals
-from torchradiometry.learn.training import (
-    PhotometricTraining,
-    ShadingTraining,
-    load_checkpoint,
-    train,
-)
+from torchradiometry.learn.samples.data import SurfaceOptions
 
 PHOTOMETRIC = PhotometricTraining(
     steps=40,

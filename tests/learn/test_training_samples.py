@@ -9,7 +9,7 @@ import torch
 
 from tests.benchmarks.training_samples import compared, drawn, layered, random_sample, well_inside
 from torchradiometry.errors import NoGraphicsError
-from torchradiometry.learn.shapes import FAMILIES, random_shapes
+from torchradiometry.learn.samples.shapes import FAMILIES, random_shapes
 from torchradiometry.reference import graphics
 
 pytestmark = pytest.mark.gl

@@ -18,10 +18,10 @@ from torchradiometry.demo.progress import progress_bar
 from torchradiometry.demo.trainer import export_network, torch_threads
 from torchradiometry.export.parity import OnnxCheck
 from torchradiometry.files import write_picture
-from torchradiometry.learn.data import SurfaceOptions, generator_for
-from torchradiometry.learn.settings import PhotometricTraining
-from torchradiometry.learn.single_images import photograph_shapes
-from torchradiometry.learn.training import Trained, train
+from torchradiometry.learn.samples.data import SurfaceOptions, generator_for
+from torchradiometry.learn.samples.single_images import photograph_shapes
+from torchradiometry.learn.training.loop import Trained, train
+from torchradiometry.learn.training.settings import PhotometricTraining
 
 __all__ = ["TrainedModel", "demo_training", "train_and_export"]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchradiometry.files import linear_to_srgb, write_counts
-from torchradiometry.learn.shapes import random_shapes
+from torchradiometry.learn.samples.shapes import random_shapes
 from torchradiometry.materials.phong import NormalizedPhong
 from torchradiometry.numerics import safe_normalize
 from torchradiometry.shade.phong import PhongShading

@@ -30,14 +30,18 @@ from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeEr
 from torchradiometry.export.onnx_file import export_onnx, input_names
 from torchradiometry.export.parity import OnnxCheck, check_onnx
 from torchradiometry.files import atomic_path, check_folder_place, clear_half_files
-from torchradiometry.learn.data import generator_for
 from torchradiometry.learn.networks import PhotometricNetwork
-from torchradiometry.learn.processes import joined_processes, started_together
-from torchradiometry.learn.settings import KINDS, Training, kind_of
-from torchradiometry.learn.settings_file import read_training, training_table, write_training
-from torchradiometry.learn.single_images import photograph_shapes
-from torchradiometry.learn.stored_samples import StoredSamples, write_samples
-from torchradiometry.learn.training import Machine, Trained, train
+from torchradiometry.learn.samples.data import generator_for
+from torchradiometry.learn.samples.single_images import photograph_shapes
+from torchradiometry.learn.samples.stored_samples import StoredSamples, write_samples
+from torchradiometry.learn.training.loop import Machine, Trained, train
+from torchradiometry.learn.training.processes import joined_processes, started_together
+from torchradiometry.learn.training.settings import KINDS, Training, kind_of
+from torchradiometry.learn.training.settings_file import (
+    read_training,
+    training_table,
+    write_training,
+)
 
 __all__ = ["dataset_folder", "export_network", "torch_threads", "train_folder"]
 

@@ -11,19 +11,8 @@ from torchradiometry.learn.benchmarks import (
     photometric_benchmark,
     surface_normals,
 )
-from torchradiometry.learn.checkpoints import load_checkpoint
-from torchradiometry.learn.data import (
-    PhotometricSamples,
-    ShadingSamples,
-    SurfaceOptions,
-    make_bank,
-    make_shapes,
-)
 from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
-from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces, random_lights
-from torchradiometry.learn.images import Materials, Observations, observe, random_materials
 from torchradiometry.learn.light import estimate_light
-from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
 from torchradiometry.learn.losses import (
     albedo_loss,
     angle_degrees,
@@ -31,7 +20,6 @@ from torchradiometry.learn.losses import (
     integrability_loss,
     rendering_loss,
 )
-from torchradiometry.learn.mesh_shapes import mesh_shapes
 from torchradiometry.learn.networks import (
     PhotometricNetwork,
     ShadingNetwork,
@@ -40,13 +28,25 @@ from torchradiometry.learn.networks import (
     relative_to_mean,
     robust_normals,
 )
-from torchradiometry.learn.processes import Processes, joined_processes
-from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining
-from torchradiometry.learn.settings_file import read_training, write_training
-from torchradiometry.learn.shapes import Shapes, height_to_normals, random_shapes
-from torchradiometry.learn.single_images import SingleImages, photograph, photograph_shapes
-from torchradiometry.learn.stored_samples import StoredSamples, write_samples
-from torchradiometry.learn.training import Machine, Trained, train
+from torchradiometry.learn.samples.data import (
+    PhotometricSamples,
+    ShadingSamples,
+    SurfaceOptions,
+    make_bank,
+    make_shapes,
+)
+from torchradiometry.learn.samples.geometry_bank import SurfaceBank, make_surfaces, random_lights
+from torchradiometry.learn.samples.images import Materials, Observations, observe, random_materials
+from torchradiometry.learn.samples.lit_shapes import ShapeBank, light_shapes
+from torchradiometry.learn.samples.mesh_shapes import mesh_shapes
+from torchradiometry.learn.samples.shapes import Shapes, height_to_normals, random_shapes
+from torchradiometry.learn.samples.single_images import SingleImages, photograph, photograph_shapes
+from torchradiometry.learn.samples.stored_samples import StoredSamples, write_samples
+from torchradiometry.learn.training.checkpoints import load_checkpoint
+from torchradiometry.learn.training.loop import Machine, Trained, train
+from torchradiometry.learn.training.processes import Processes, joined_processes
+from torchradiometry.learn.training.settings import PhotometricTraining, ShadingTraining
+from torchradiometry.learn.training.settings_file import read_training, write_training
 
 __all__ = [
     "Evaluation",

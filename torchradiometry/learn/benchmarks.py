@@ -42,8 +42,8 @@ from torchradiometry.deploy.photographs import (
 )
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError, ShapeError
 from torchradiometry.files import read_arrays
-from torchradiometry.learn.data import Advance
 from torchradiometry.learn.evaluation import Evaluation, evaluate
+from torchradiometry.learn.samples.data import Advance
 
 __all__ = [
     "SingleEvaluation",

@@ -20,12 +20,12 @@ from typing import NamedTuple, TypeAlias, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.learn.images import Observations
 from torchradiometry.learn.losses import albedo_loss, angle_degrees, chord_loss
 from torchradiometry.learn.networks import PhotometricNetwork, relative_to_mean
-from torchradiometry.learn.processes import Processes
-from torchradiometry.learn.settings import Training
-from torchradiometry.learn.single_images import SingleImages
+from torchradiometry.learn.samples.images import Observations
+from torchradiometry.learn.samples.single_images import SingleImages
+from torchradiometry.learn.training.processes import Processes
+from torchradiometry.learn.training.settings import Training
 
 __all__ = ["Batch", "Score", "Scored", "set_rate", "take_step"]
 

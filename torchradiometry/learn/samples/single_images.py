@@ -32,8 +32,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes, places, turned_shapes
-from torchradiometry.learn.shapes import FAMILIES, height_to_normals, random_shapes
+from torchradiometry.learn.samples.lit_shapes import ShapeBank, light_shapes, places, turned_shapes
+from torchradiometry.learn.samples.shapes import FAMILIES, height_to_normals, random_shapes
 from torchradiometry.materials.blinn_phong import BlinnPhong
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.shade.lambertian import LambertianShading

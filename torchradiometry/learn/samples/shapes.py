@@ -28,7 +28,7 @@ from torch import Tensor
 
 from torchradiometry.errors import OutOfRangeError
 from torchradiometry.geometry.depth import points_to_normals
-from torchradiometry.learn.solids import grid, lathe, limbs, sheets, stones, uniform
+from torchradiometry.learn.samples.solids import grid, lathe, limbs, sheets, stones, uniform
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float

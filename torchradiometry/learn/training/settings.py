@@ -13,7 +13,8 @@ from typing import TypeAlias
 import torch
 
 from torchradiometry.errors import OutOfRangeError
-from torchradiometry.learn.data import (
+from torchradiometry.learn.networks import PhotometricNetwork, ShadingNetwork
+from torchradiometry.learn.samples.data import (
     Advance,
     PhotometricSamples,
     ShadingSamples,
@@ -21,7 +22,6 @@ from torchradiometry.learn.data import (
     make_bank,
     make_shapes,
 )
-from torchradiometry.learn.networks import PhotometricNetwork, ShadingNetwork
 
 __all__ = ["KINDS", "PhotometricTraining", "ShadingTraining", "Training", "kind_of"]
 

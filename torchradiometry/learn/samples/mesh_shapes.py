@@ -31,8 +31,8 @@ from torchradiometry.errors import (
 )
 from torchradiometry.files import check_readable
 from torchradiometry.geometry.meshes import face_corners
-from torchradiometry.learn.shapes import Shapes, finished
-from torchradiometry.learn.solids import grid, uniform
+from torchradiometry.learn.samples.shapes import Shapes, finished
+from torchradiometry.learn.samples.solids import grid, uniform
 from torchradiometry.scene.load import load_scene
 from torchradiometry.scene.validate import require_none, scene_faults
 from torchradiometry.transport.brute_force import BruteForceRays

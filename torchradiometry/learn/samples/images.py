@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.learn.geometry_bank import SurfaceBank
+from torchradiometry.learn.samples.geometry_bank import SurfaceBank
 from torchradiometry.materials.microfacet import microfacet_brdf
 from torchradiometry.materials.oren_nayar import oren_nayar_brdf
 from torchradiometry.numerics import clamped_cosine, safe_normalize

@@ -32,12 +32,12 @@ from torchradiometry.files import (
     read_arrays,
     read_json,
 )
-from torchradiometry.learn.data import Advance
-from torchradiometry.learn.images import Observations
-from torchradiometry.learn.settings import Training
-from torchradiometry.learn.settings_file import training_from_table, training_table
-from torchradiometry.learn.single_images import SingleImages
-from torchradiometry.learn.steps import Batch
+from torchradiometry.learn.samples.data import Advance
+from torchradiometry.learn.samples.images import Observations
+from torchradiometry.learn.samples.single_images import SingleImages
+from torchradiometry.learn.training.settings import Training
+from torchradiometry.learn.training.settings_file import training_from_table, training_table
+from torchradiometry.learn.training.steps import Batch
 
 __all__ = ["StoredSamples", "write_samples"]
 

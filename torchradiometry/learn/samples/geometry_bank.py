@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.learn.shapes import random_shapes
+from torchradiometry.learn.samples.shapes import random_shapes
 from torchradiometry.numerics import clamped_cosine, safe_normalize
 from torchradiometry.transport.height_field import height_field_hits, height_field_visibility
 

@@ -20,16 +20,16 @@ from torch.nn.parallel import DistributedDataParallel
 from torch.utils.data import DataLoader, Dataset
 
 from torchradiometry.errors import OutOfRangeError
-from torchradiometry.learn.checkpoints import (
+from torchradiometry.learn.samples.data import Advance
+from torchradiometry.learn.training.checkpoints import (
     Curve,
     load_checkpoint,
     restore_checkpoint,
     save_checkpoint,
 )
-from torchradiometry.learn.data import Advance
-from torchradiometry.learn.processes import ALONE, Processes
-from torchradiometry.learn.settings import PhotometricTraining, ShadingTraining, Training
-from torchradiometry.learn.steps import Batch, Scored, set_rate, take_step
+from torchradiometry.learn.training.processes import ALONE, Processes
+from torchradiometry.learn.training.settings import PhotometricTraining, ShadingTraining, Training
+from torchradiometry.learn.training.steps import Batch, Scored, set_rate, take_step
 
 __all__ = [
     "Machine",

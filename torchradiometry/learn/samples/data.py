@@ -16,12 +16,12 @@ import torch
 from torch.utils.data import Dataset
 
 from torchradiometry.errors import IndexRangeError, OutOfRangeError
-from torchradiometry.learn.geometry_bank import SurfaceBank, make_surfaces
-from torchradiometry.learn.images import Observations, observe
-from torchradiometry.learn.lit_shapes import ShapeBank, light_shapes
-from torchradiometry.learn.mesh_shapes import mesh_shapes
-from torchradiometry.learn.shapes import random_shapes
-from torchradiometry.learn.single_images import OBJECTS, SingleImages, photograph
+from torchradiometry.learn.samples.geometry_bank import SurfaceBank, make_surfaces
+from torchradiometry.learn.samples.images import Observations, observe
+from torchradiometry.learn.samples.lit_shapes import ShapeBank, light_shapes
+from torchradiometry.learn.samples.mesh_shapes import mesh_shapes
+from torchradiometry.learn.samples.shapes import random_shapes
+from torchradiometry.learn.samples.single_images import OBJECTS, SingleImages, photograph
 
 __all__ = [
     "Advance",

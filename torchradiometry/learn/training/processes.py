@@ -52,7 +52,7 @@ class Processes:
         Raises:
             OutOfRangeError: fewer items than processes.
 
-        >>> from torchradiometry.learn.single_images import SingleImages
+        >>> from torchradiometry.learn.samples.single_images import SingleImages
         >>> four = torch.arange(4.0)
         >>> Processes(1, 2).share(SingleImages(*(four for _ in SingleImages._fields)))[0]
         tensor([1., 3.])

@@ -15,8 +15,8 @@ from torch import nn
 
 from torchradiometry.errors import FileFormatError
 from torchradiometry.files import atomic_path, check_readable
-from torchradiometry.learn.settings import Training
-from torchradiometry.learn.settings_file import training_table
+from torchradiometry.learn.training.settings import Training
+from torchradiometry.learn.training.settings_file import training_table
 
 __all__ = ["Curve", "load_checkpoint", "restore_checkpoint", "save_checkpoint"]
 

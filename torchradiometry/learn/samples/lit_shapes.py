@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.learn.shapes import Shapes, height_to_normals
-from torchradiometry.learn.solids import grid, uniform
+from torchradiometry.learn.samples.shapes import Shapes, height_to_normals
+from torchradiometry.learn.samples.solids import grid, uniform
 from torchradiometry.numerics import clamped_cosine, safe_normalize
 from torchradiometry.shade.ambient_occlusion import AmbientOcclusion
 from torchradiometry.shade.cast_shadow import cast_shadows

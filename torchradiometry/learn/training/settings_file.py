@@ -25,7 +25,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from torchradiometry.errors import FileFormatError, MissingDependencyError
 from torchradiometry.files import atomic_path, check_readable
-from torchradiometry.learn.settings import KINDS, Training, kind_of
+from torchradiometry.learn.training.settings import KINDS, Training, kind_of
 
 __all__ = ["read_training", "training_from_table", "training_table", "write_training"]
 

@@ -1,0 +1,1 @@
+"""How networks learn: a description, its steps, checkpoints, one or several processes."""
