@@ -16,14 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, final
 
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError
 from torchradiometry.numerics import narrow, single
-from torchradiometry.shade.bands import in_bands
 from torchradiometry.shade.layout import (
     check_image,
     check_sources,
@@ -64,21 +62,7 @@ def image_irradiance(
         at the horizon has gradient 0.
     Export: compile yes, ONNX yes.
     """
-    check_light(normal, sources, position, visibility)
     return narrow(received_irradiance(normal, sources, position, visibility), normal.dtype)
-
-
-def check_light(
-    normal: Tensor,
-    sources: Sequence[AbstractSource],
-    position: Tensor | None,
-    visibility: Tensor | None,
-) -> None:
-    """Raise unless normals, sources, positions and visibility go together."""
-    check_image("normal", normal, 3)
-    check_sources(sources, normal, position)
-    if visibility is not None:
-        check_image("visibility", visibility, None, normal)
 
 
 def received_irradiance(
@@ -88,7 +72,10 @@ def received_irradiance(
     visibility: Float[Tensor, "B light H W"] | None,
 ) -> Float[Tensor, "B channel H W"]:
     """`image_irradiance` in float32 at least: the radiance may fit where it does not."""
+    check_image("normal", normal, 3)
+    check_sources(sources, normal, position)
     if visibility is not None:
+        check_image("visibility", visibility, None, normal)
         (visibility,) = single(visibility)
     points = None if position is None else single(to_points(position))[0]
     (facing,) = single(to_points(normal))
@@ -122,19 +109,8 @@ def lambertian_shading(
         where the albedo is 0.
     Export: compile yes, ONNX yes.
     """
-    check_light(normal, sources, position, visibility)
+    check_image("normal", normal, 3)
     check_image("albedo", albedo, None, normal)
-    return in_bands(partial(shaded_band, sources), normal, albedo, position, visibility)
-
-
-def shaded_band(
-    sources: Sequence[AbstractSource],
-    normal: Float[Tensor, "B 3 H W"],
-    albedo: Float[Tensor, "B C H W"],
-    position: Float[Tensor, "B 3 H W"] | None,
-    visibility: Float[Tensor, "B light H W"] | None,
-) -> Float[Tensor, "B C H W"]:
-    """`lambertian_shading` of a band of rows that were checked."""
     received = received_irradiance(normal, sources, position, visibility)
     check_channels("albedo", albedo, received)
     return diffuse_radiance(albedo, received)

@@ -18,7 +18,6 @@ Forsyth and J. Ponce, *Computer Vision: A Modern Approach*, 2nd ed. (2011), 2.1.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, final
 
 from torch import Tensor, nn
@@ -27,8 +26,7 @@ from torchradiometry.errors import DTypeError, ShapeError
 from torchradiometry.materials.lobes import AbstractLobe, Brdf, product
 from torchradiometry.materials.phong import Phong
 from torchradiometry.numerics import narrow, safe_normalize, single
-from torchradiometry.shade.bands import in_bands
-from torchradiometry.shade.lambertian import check_channels, check_light, shaded_band
+from torchradiometry.shade.lambertian import check_channels, lambertian_shading
 from torchradiometry.shade.layout import (
     check_image,
     chosen_sources,
@@ -139,28 +137,10 @@ def phong_shading(
         horizons of light and eye have finite gradients.
     Export: compile yes, ONNX yes.
     """
-    check_light(normal, sources, position, visibility)
-    check_image("albedo", albedo, None, normal)
+    diffuse = lambertian_shading(normal, albedo, sources, position, visibility)
     check_image("specular", specular, None, normal)
     check_image("shininess", shininess, 1, normal)
     check_image("outgoing_direction", outgoing_direction, 3, normal)
-    maps = (normal, albedo, specular, shininess, outgoing_direction, position, visibility)
-    return in_bands(partial(_glossy, lobe.brdf, sources), *maps)
-
-
-def _glossy(
-    brdf: Brdf,
-    sources: Sequence[AbstractSource],
-    normal: Float[Tensor, "B 3 H W"],
-    albedo: Float[Tensor, "B C H W"],
-    specular: Float[Tensor, "B C H W"],
-    shininess: Float[Tensor, "B 1 H W"],
-    outgoing_direction: Float[Tensor, "B 3 H W"],
-    position: Float[Tensor, "B 3 H W"] | None,
-    visibility: Float[Tensor, "B light H W"] | None,
-) -> Float[Tensor, "B C H W"]:
-    """`phong_shading` of a band of rows that were checked."""
-    diffuse = shaded_band(sources, normal, albedo, position, visibility)
     if not any(source.has_direction for source in sources):
         return diffuse
     dtype = diffuse.dtype
@@ -168,7 +148,7 @@ def _glossy(
         *(to_points(image) for image in (shininess, normal, outgoing_direction))
     )
     highlight = specular_irradiance(
-        brdf,
+        lobe.brdf,
         exponent,
         sources,
         None if position is None else single(to_points(position))[0],
