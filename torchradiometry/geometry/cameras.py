@@ -39,6 +39,7 @@ from torchradiometry.errors import (
     InvalidValueError,
     OutOfRangeError,
     ShapeError,
+    require_axes,
 )
 from torchradiometry.numerics import safe_norm, safe_normalize, wide
 
@@ -319,6 +320,7 @@ def rigid(matrix: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
     Raises:
         DegenerateGeometryError: the axes span no space.
     """
+    require_axes("matrix", matrix, 4, 4)
     x, z = safe_normalize(matrix[:3, 0]), safe_normalize(matrix[:3, 2])
     x = x - (x * z).sum() * z
     if not bool(z.any()) or not float(safe_norm(x.detach())) > PARALLEL_SINE:
