@@ -338,6 +338,8 @@ def _vectors(**named: object) -> list[Tensor]:
     for name, t in zip(named, tensors, strict=True):
         if t.shape != (3,):
             raise ShapeError(f"look_at {name}", f"shape {tuple(t.shape)}", "pass a 3-vector")
+        if t.is_complex():
+            raise DTypeError(f"look_at {name}", f"a tensor of {t.dtype}", "pass real numbers")
         if not bool(torch.isfinite(t).all()):
             raise InvalidValueError(f"look_at {name}", f"{t.tolist()}", "pass finite numbers")
     floating = [t.dtype for t in tensors if t.is_floating_point()]
