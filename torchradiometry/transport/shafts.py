@@ -90,6 +90,7 @@ def certain_pairs(
     >>> certain_pairs(pair, wall, torch.tensor([0]), torch.tensor([1]))
     (tensor([False]), tensor([True]))
     """
+    require_axes("patches", patches.corners, None, None, 3)
     require_axes("blockers", blockers, None, 4, 3)
     visible = torch.ones_like(receiver, dtype=torch.bool)
     hidden = torch.zeros_like(visible)
