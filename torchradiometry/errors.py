@@ -117,6 +117,21 @@ def require_floating(where: str, tensor: Tensor) -> None:
         raise DTypeError(where, f"a tensor of {tensor.dtype}", "pass floating-point numbers")
 
 
+def require_axes(where: str, tensor: Tensor, *axes: int | None) -> None:
+    """Raise unless a tensor holds real numbers and ends in these axes (None: of any size).
+
+    Raises:
+        DTypeError: integer, complex or truth values.
+        ShapeError: fewer axes, or others.
+    """
+    require_floating(where, tensor)
+    shape = tensor.shape
+    first = len(shape) - len(axes)
+    if first < 0 or any(n is not None and n != shape[first + i] for i, n in enumerate(axes)):
+        wanted = " ".join("n" if n is None else str(n) for n in axes)
+        raise ShapeError(where, f"a tensor of shape {tuple(shape)}", f"pass `... {wanted}`")
+
+
 def require_device(where: str, tensor: Tensor, other: str, like: Tensor) -> None:
     """Raise `DTypeError` unless a tensor lies on the device of another, which is named too."""
     if tensor.device != like.device:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
 __all__ = [
+    "alike",
     "angle_of",
     "arccot",
     "clamped_cosine",
@@ -52,6 +53,15 @@ def single(*tensors: Tensor) -> tuple[Tensor, ...]:
     the middle of a formula needs."""
     half = (torch.float16, torch.bfloat16)
     return tuple(t.to(torch.float32) if t.dtype in half else t for t in tensors)
+
+
+def alike(*tensors: Tensor) -> tuple[Tensor, ...]:
+    """The tensors in the widest of their dtypes, as elementwise operations promote them: matrix
+    products do not."""
+    dtype = tensors[0].dtype
+    for tensor in tensors[1:]:
+        dtype = torch.promote_types(dtype, tensor.dtype)
+    return tuple(t.to(dtype) for t in tensors)
 
 
 def narrow(x: Float[Tensor, "..."], dtype: torch.dtype) -> Float[Tensor, "..."]:

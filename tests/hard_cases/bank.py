@@ -114,10 +114,10 @@ def hard_leaves(subject: Subject, kind: Kind, dtype: torch.dtype) -> Leaves | No
     if changed is None:
         return None
     leaves = {k: t.to(dtype) for k, t in (easy | changed).items()}
-    return leaves if all(_held(leaves[k], t) for k, t in changed.items()) else None
+    return leaves if all(held(leaves[k], t) for k, t in changed.items()) else None
 
 
-def _held(rounded: Tensor, exact: Tensor) -> bool:
+def held(rounded: Tensor, exact: Tensor) -> bool:
     """Whether nothing became infinite or was lost to underflow."""
     overflow = torch.isinf(rounded) & torch.isfinite(exact)
     lost = rounded.double().abs() < exact.abs() / 2

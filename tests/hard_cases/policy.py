@@ -32,6 +32,14 @@ NAMED = [
     Named("normals of length 1e-3", "*original*phong*", "0", "in float16 a cosine below 0.008 (0.4 degrees, or a normal far from unit) counts as below the horizon, because 1/cos^2 is no number of float16"),
     Named("albedo 1", "solver-*", "unbounded", "a closed room that absorbs nothing has no solution: solvers that promise one raise SingularSystemError, the others return their sum of bounces with Status.UNBOUNDED and an infinite bound"),
     Named("albedo 1", "adjoint-*", "unbounded", "the same"),
+    Named("*argument* times 2^40", "function-materials.mean_lobe_reflectance", "values", "shininess of 1e13: the gradient, 1e-25, is that of rounding"),
+    Named("an argument times -1", "function-materials.mean_lobe_reflectance", "pole", "the formula has poles at negative shininess; materials refuse it when they are built"),
+    Named("* times 2^40", "function-transport.visible_*", "margin", "a polygon of 2^40 beside faces of size 1: what is closer to a face than 256 roundings of the largest coordinate does not see it; pass `margin`"),
+    Named("*", "function-solve.inverse_norm", "bound", "a bound that counts the roundings of its dtype in: larger in fewer digits"),
+    Named("all arguments times *", "function-solve.*", "unlike", "albedo far from 0..1 or factors that underflow: parts of a solver compute on in the dtype they are given; `solve_radiosity` refuses such an albedo"),
+    Named("an argument times 2^*", "function-learn.chord_loss", "values", "lengths of 2^40 beside 1: the weights' gradient is a difference of nearly equal chords; normals are unit"),
+    Named("* in one entry", "function-learn.integrability_loss", "NaN", "one mean over all pixels: what is not finite in the mask reaches all of them"),
+    Named("*argument* times 2^40", "function-learn.least_squares", "NaN", "lights of length 2^40: sixth powers of lengths are beyond float32; directions are unit"),
     Named("scene times 2^40", "layer-depth_to_normals_parallel", "values", "at slopes of 1e13 the gradients of neighbours cancel in float32: right to 2e-4 of the largest"),
 ]
 # fmt: on

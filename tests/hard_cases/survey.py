@@ -8,8 +8,10 @@ from typing import NamedTuple
 import torch
 
 from tests.cases import ADJOINTS, LAYERS, MATERIALS, SOLVERS, SOURCES, TRANSPORT, Case
+from tests.hard_cases.arguments import argument_trials
 from tests.hard_cases.bank import DTYPES, Outcome, outcomes
 from tests.hard_cases.calls import trials
+from tests.hard_cases.functions import FUNCTIONS
 from tests.hard_cases.kinds import KINDS
 from tests.hard_cases.policy import named
 from tests.hard_cases.subjects import Subject, input_names
@@ -22,6 +24,7 @@ FAMILIES: dict[str, list[Case]] = {
     "solver": SOLVERS,
     "adjoint": ADJOINTS,
     "transport": TRANSPORT,
+    "function": FUNCTIONS,
 }
 MEMBERS = {f"{family}-{case.name}": case for family, cases in FAMILIES.items() for case in cases}
 
@@ -36,12 +39,14 @@ class Survey(NamedTuple):
 @cache
 def kind_names() -> tuple[str, ...]:
     """All kinds, in the order of the table."""
-    return tuple(kind.name for kind in KINDS) + tuple(trial.name for trial in _trials())
+    found = (*KINDS, *argument_trials(), *_trials())
+    return tuple(kind.name for kind in found)
 
 
 @cache
 def _trials() -> tuple:
-    names = (input_names(case.build(torch.float64)) for case in MEMBERS.values())
+    modules = (case for family, cases in FAMILIES.items() if family != "function" for case in cases)
+    names = (input_names(case.build(torch.float64)) for case in modules)
     return tuple(trials({name for found in names for name in found}))
 
 
@@ -50,9 +55,10 @@ def survey(member: str) -> Survey:
     """One member, `family-name`, through everything."""
     subject = Subject(member.split("-")[0], MEMBERS[member])
     words, faults = {}, []
-    for kind in KINDS:
+    free = subject.family == "function"
+    for kind in KINDS[:1] if free else KINDS:  # arguments have roles of their own
         words[kind.name] = _words(kind.name, member, outcomes(subject, kind), faults)
-    for trial in _trials():
+    for trial in (*argument_trials(), *trials(set())) if free else _trials():
         found = {d: trial.outcome(subject, d) or Outcome("-") for d in DTYPES}
         words[trial.name] = _words(trial.name, member, found, faults)
     return Survey({k: w for k, w in words.items() if set(w) != {"-"}}, faults)

@@ -23,6 +23,7 @@ HEADINGS = {
     "solver": "Solvers",
     "adjoint": "Adjoints",
     "transport": "Form factors",
+    "function": "Functions",
 }
 ALL = "all"
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from torchradiometry.deploy.exposure_times import recorded_exposures
 from torchradiometry.errors import (
+    DTypeError,
     FileFormatError,
     InputFileError,
     OutOfRangeError,
@@ -68,6 +69,9 @@ def linear_response(
     photographs: Sequence[NDArray[np.unsignedinteger]], times: Sequence[float]
 ) -> NDArray[np.float64]:
     """Counts proportional to radiance: v / full."""
+    _check_stack(photographs, times)
+    if photographs[0].dtype.kind != "u":
+        raise DTypeError("photographs", f"{photographs[0].dtype}", "pass counts of 8 or 16 bits")
     levels = np.iinfo(photographs[0].dtype).max + 1
     return np.repeat(np.arange(levels)[:, None] / (levels - 1), 3, 1)
 
@@ -87,6 +91,7 @@ def debevec_response(
     Raises:
         OutOfRangeError: fewer than two different times, or photographs not of 8 bits.
     """
+    _check_stack(photographs, times)
     if photographs[0].dtype != np.uint8:
         raise OutOfRangeError(
             "response", f"{photographs[0].dtype} counts", "find curves of 8-bit photographs only"
@@ -95,7 +100,11 @@ def debevec_response(
         raise OutOfRangeError("times", f"{times[0]} s alone", "pass two different exposures")
     method = opencv().createCalibrateDebevec(samples=SAMPLES)
     given = [np.ascontiguousarray(each) for each in photographs]
-    curve = method.process(given, np.asarray(times, np.float32))
+    try:
+        curve = method.process(given, np.asarray(times, np.float32))
+    except opencv().error as error:
+        got = f"{photographs[0].shape[:2]} pixels, too few for a curve"
+        raise ShapeError("photographs", got, "pass larger photographs") from error
     return np.maximum.accumulate(np.asarray(curve, dtype=np.float64).reshape(256, 3))
 
 

@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchradiometry.deploy.photographs import Photographs
-from torchradiometry.errors import DegenerateGeometryError
+from torchradiometry.errors import (
+    DegenerateGeometryError,
+    ShapeError,
+)
 
 __all__ = ["least_squares_normals", "solve_least_squares"]
 
@@ -32,6 +35,7 @@ def solve_least_squares(
         `pixel 3`.
 
     Raises:
+        ShapeError: not one intensity for each light.
         DegenerateGeometryError: the lights lie in a plane with the camera's origin, so that
             one direction of the normal stays unknown.
 
@@ -40,12 +44,15 @@ def solve_least_squares(
     >>> solve_least_squares(seen[None], light).round(6)
     array([[0.3, 0. , 0.4]])
     """
-    lights = np.asarray(direction, dtype=np.float64)
+    lights, seen = np.asarray(direction, dtype=np.float64), np.asarray(intensity, dtype=np.float64)
+    if seen.ndim != 2 or lights.shape != (seen.shape[-1], 3):
+        got = f"{seen.shape} and {lights.shape}"
+        raise ShapeError("intensity, direction", got, "pass `pixel N` and `N 3`")
     if np.linalg.matrix_rank(lights, tol=1e-3) < 3:
         raise DegenerateGeometryError(
             "light directions", "lights that lie in one plane", "add a light outside that plane"
         )
-    return np.asarray(intensity, dtype=np.float64) @ np.linalg.pinv(lights).T
+    return seen @ np.linalg.pinv(lights).T
 
 
 def least_squares_normals(photographs: Photographs) -> NDArray[np.float32]:

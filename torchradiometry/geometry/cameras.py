@@ -39,6 +39,7 @@ from torchradiometry.errors import (
     InvalidValueError,
     OutOfRangeError,
     ShapeError,
+    require_axes,
 )
 from torchradiometry.numerics import safe_norm, safe_normalize, wide
 
@@ -319,6 +320,7 @@ def rigid(matrix: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
     Raises:
         DegenerateGeometryError: the axes span no space.
     """
+    require_axes("matrix", matrix, 4, 4)
     x, z = safe_normalize(matrix[:3, 0]), safe_normalize(matrix[:3, 2])
     x = x - (x * z).sum() * z
     if not bool(z.any()) or not float(safe_norm(x.detach())) > PARALLEL_SINE:
@@ -336,6 +338,8 @@ def _vectors(**named: object) -> list[Tensor]:
     for name, t in zip(named, tensors, strict=True):
         if t.shape != (3,):
             raise ShapeError(f"look_at {name}", f"shape {tuple(t.shape)}", "pass a 3-vector")
+        if t.is_complex():
+            raise DTypeError(f"look_at {name}", f"a tensor of {t.dtype}", "pass real numbers")
         if not bool(torch.isfinite(t).all()):
             raise InvalidValueError(f"look_at {name}", f"{t.tolist()}", "pass finite numbers")
     floating = [t.dtype for t in tensors if t.is_floating_point()]

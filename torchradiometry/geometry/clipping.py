@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from torchradiometry.errors import require_axes
 from torchradiometry.numerics import guarded_divide
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ def clip_polygon(
             [2., 1.],
             [2., 2.]])
     """
+    require_axes("polygon", polygon, None, 3)
+    require_axes("height", height, None)
     slots = clip_slots(polygon.movedim((-1, -2), (0, 1)), height.movedim(-1, 0))
     return slots.movedim((0, 1), (-1, -2))
 

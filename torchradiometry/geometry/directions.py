@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from torchradiometry.numerics import dot
+from torchradiometry.errors import require_axes
+from torchradiometry.numerics import (
+    dot,
+    narrow,
+    single,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -40,7 +45,11 @@ def reflect(
     >>> reflect(torch.tensor([0.6, 0.0, 0.8]), torch.tensor([0.0, 0.0, 1.0]))
     tensor([-0.6000,  0.0000,  0.8000])
     """
-    return 2 * dot(normal, direction).unsqueeze(-1) * normal - direction
+    require_axes("direction", direction, 3)
+    require_axes("normal", normal, 3)
+    dtype = torch.promote_types(direction.dtype, normal.dtype)
+    direction, normal = single(direction, normal)
+    return narrow(2 * dot(normal, direction).unsqueeze(-1) * normal - direction, dtype)
 
 
 def local_frame(
@@ -65,12 +74,15 @@ def local_frame(
     >>> local_frame(torch.tensor([0.0, 0.0, 1.0]))
     (tensor([1., 0., 0.]), tensor([0., 1., 0.]))
     """
-    x, y, z = normal.unbind(-1)
-    sign = torch.where(z < 0, -1.0, 1.0).to(normal.dtype)
+    require_axes("normal", normal, 3)
+    dtype = normal.dtype
+    x, y, z = single(normal)[0].unbind(-1)
+    sign = torch.where(z < 0, -1.0, 1.0).to(x.dtype)
     a = -1 / (sign + z)
     c = x * y * a
     tangent = torch.stack((1 + sign * x * x * a, sign * c, -sign * x), -1)
-    return tangent + 0, torch.stack((c, sign + y * y * a, -y), -1) + 0
+    bitangent = torch.stack((c, sign + y * y * a, -y), -1)
+    return narrow(tangent + 0, dtype), narrow(bitangent + 0, dtype)
 
 
 def spherical_direction(
@@ -91,6 +103,8 @@ def spherical_direction(
     >>> spherical_direction(torch.tensor(0.0), torch.tensor(1.0))
     tensor([0., 0., 1.])
     """
+    require_axes("polar", polar)
+    require_axes("azimuth", azimuth)
     polar, azimuth = torch.broadcast_tensors(polar, azimuth)
     sine = torch.sin(polar)
     return torch.stack((sine * torch.cos(azimuth), sine * torch.sin(azimuth), torch.cos(polar)), -1)

@@ -38,7 +38,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    OutOfRangeError,
+    ShapeError,
+    require_floating,
+)
 from torchradiometry.geometry.grid_springs import (
     ENOUGH,
     ROUGHLY,
@@ -173,6 +177,7 @@ def _one_sided(
 
 def _checked(normal: Tensor, mask: Tensor | None, rounds: int) -> Bool[Tensor, "B H W"]:
     """Where the surface is."""
+    require_floating("normal", normal)
     if normal.ndim != 4 or normal.shape[1] != 3 or 0 in normal.shape[2:]:
         raise ShapeError("normal", f"shape {tuple(normal.shape)}", "pass B x 3 x H x W")
     if rounds < 0:

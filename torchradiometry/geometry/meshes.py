@@ -17,8 +17,15 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import IndexRangeError, ShapeError
-from torchradiometry.geometry.patches import vector_area
+from torchradiometry.errors import (
+    IndexRangeError,
+    ShapeError,
+    require_axes,
+    require_floating,
+)
+from torchradiometry.geometry.patches import (
+    Patches,
+)
 from torchradiometry.numerics import angle_of, dot, safe_norm, safe_normalize
 
 if TYPE_CHECKING:
@@ -38,6 +45,7 @@ def face_corners(
 
     Differentiable in: vertices.
     """
+    require_floating("vertices", vertices)
     for name, tensor in (("vertices", vertices), ("faces", faces)):
         if tensor.ndim != 2 or tensor.shape[-1] != 3:
             got = f"a tensor of shape {tuple(tensor.shape)}"
@@ -61,7 +69,7 @@ def face_areas(
     >>> face_areas(corners, torch.tensor([[0, 1, 2]]))
     tensor([1.])
     """
-    return safe_norm(vector_area(face_corners(vertices, faces)))
+    return Patches(face_corners(vertices, faces)).area
 
 
 def face_normals(
@@ -76,7 +84,7 @@ def face_normals(
     tensor([[0., 0., 1.],
             [0., 0., 0.]])
     """
-    return safe_normalize(vector_area(face_corners(vertices, faces)))
+    return Patches(face_corners(vertices, faces)).normal
 
 
 def vertex_normals(
@@ -96,7 +104,7 @@ def vertex_normals(
             [0., 0., 1.]])
     """
     corners = face_corners(vertices, faces)
-    normal = safe_normalize(vector_area(corners))
+    normal = Patches(corners).normal
     weighted = corner_angles(corners).unsqueeze(-1) * normal.unsqueeze(-2)
     total = torch.zeros_like(vertices).index_add(0, faces.reshape(-1), weighted.reshape(-1, 3))
     return safe_normalize(total)
@@ -107,6 +115,7 @@ def corner_angles(corners: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch
 
     Differentiable in: corners.
     """
+    require_axes("corners", corners, 3, 3)
     after = safe_normalize(corners.roll(-1, -2) - corners)
     before = safe_normalize(corners.roll(1, -2) - corners)
     return angle_of(safe_norm(torch.linalg.cross(after, before)), dot(after, before))

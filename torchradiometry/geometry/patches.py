@@ -18,8 +18,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, ResourceLimitError, ShapeError
-from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normalize
+from torchradiometry.errors import (
+    OutOfRangeError,
+    ResourceLimitError,
+    ShapeError,
+    require_axes,
+    require_floating,
+)
+from torchradiometry.numerics import (
+    dot,
+    guarded_divide,
+    narrow,
+    safe_norm,
+    safe_normalize,
+    single,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -54,25 +67,28 @@ class Patches(NamedTuple):
     @property
     def area(self) -> Float[Tensor, "patch"]:
         """m2; 0 for a degenerate patch."""
-        return safe_norm(vector_area(self.corners))
+        return narrow(safe_norm(_vector_area(self.corners)), self.corners.dtype)
 
     @property
     def normal(self) -> Float[Tensor, "patch 3"]:
         """Unit normals; zero for a degenerate patch."""
-        return safe_normalize(vector_area(self.corners))
+        return safe_normalize(_vector_area(self.corners)).to(self.corners.dtype)
 
     @property
     def centroid(self) -> Float[Tensor, "patch 3"]:
         """Centres of mass, m; the mean of the corners where the area is 0."""
-        parts = _fan(self.corners)
-        weight = dot(parts, self.normal.unsqueeze(-2))
+        require_axes("corners", self.corners, None, 3)
+        (corners,) = single(self.corners)
+        parts = _fan(corners)
+        weight = dot(parts, safe_normalize(parts.sum(-2)).unsqueeze(-2))
         total = weight.sum(-1, keepdim=True)
         mean = torch.ones_like(weight) / weight.shape[-1]
         share = torch.where(total != 0, guarded_divide(weight, total), mean)
-        first, second, third = _fan_corners(self.corners)
+        first, second, third = _fan_corners(corners)
         # offsets from the first corner: no digits are lost far from the origin
         offset = ((second - first) + (third - first)) / 3
-        return self.corners[..., 0, :] + (share.unsqueeze(-1) * offset).sum(-2)
+        middle = corners[..., 0, :] + (share.unsqueeze(-1) * offset).sum(-2)
+        return narrow(middle, self.corners.dtype)
 
 
 def vector_area(corners: Float[Tensor, "*batch corner 3"]) -> Float[Tensor, "*batch 3"]:
@@ -84,7 +100,13 @@ def vector_area(corners: Float[Tensor, "*batch corner 3"]) -> Float[Tensor, "*ba
     >>> vector_area(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]))
     tensor([0.0000, 0.0000, 0.5000])
     """
-    return _fan(corners).sum(-2)
+    return narrow(_vector_area(corners), corners.dtype)
+
+
+def _vector_area(corners: Tensor) -> Tensor:
+    """In float32 at least: products of lengths are beyond half precision."""
+    require_axes("corners", corners, None, 3)
+    return _fan(*single(corners)).sum(-2)
 
 
 def _fan_corners(corners: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -125,6 +147,7 @@ def subdivide(patches: Patches, max_edge: float) -> tuple[Patches, Int[Tensor, "
     (tensor([1., 1.]), tensor([0, 0]))
     """
     corners = patches.corners
+    require_floating("patches", corners)
     if corners.ndim != 3 or corners.shape[-1] != 3 or corners.shape[-2] not in (3, 4):
         got = f"corners of shape {tuple(corners.shape)}"
         raise ShapeError("patches", got, "pass `patch 3 3` triangles or `patch 4 3` quads")

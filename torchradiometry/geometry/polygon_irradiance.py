@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.careful import careful_irradiance, looked_at_twice
 from torchradiometry.geometry.clipping import clip_slots
 from torchradiometry.numerics import angle_of, guarded_divide, safe_sqrt, tiny, wide
@@ -87,6 +88,9 @@ def polygon_vector_irradiance(
     >>> polygon_vector_irradiance(-up, up, wall)[2]  # the whole hemisphere: pi
     tensor(3.1416)
     """
+    require_axes("position", position, 3)
+    require_axes("normal", normal, 3)
+    require_axes("polygon", polygon, None, 3)
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     return _vector_irradiance(*wide(position, normal, polygon)).to(dtype)
 
@@ -121,6 +125,9 @@ def polygon_irradiance(
     >>> polygon_irradiance(torch.zeros(3), torch.tensor([0.0, 0, 1]), panel)
     tensor(1.7408)
     """
+    require_axes("position", position, 3)
+    require_axes("normal", normal, 3)
+    require_axes("polygon", polygon, None, 3)
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     position, normal, polygon = wide(position, normal, polygon)
     signed = signed_irradiance(position, normal, polygon, torch.finfo(dtype).eps)

@@ -22,8 +22,18 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.careful import careful_solid_angle, looked_at_twice
-from torchradiometry.numerics import angle_of, dot, guarded_divide, safe_norm, safe_sqrt, wide
+from torchradiometry.numerics import (
+    angle_of,
+    dot,
+    guarded_divide,
+    narrow,
+    safe_norm,
+    safe_sqrt,
+    single,
+    wide,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -66,7 +76,13 @@ def solid_angle_patch(
     >>> solid_angle_patch(torch.tensor(4.0), torch.tensor(0.5), torch.tensor(2.0))
     tensor(0.5000)
     """
-    return guarded_divide(guarded_divide(area * cosine.clamp(min=0), distance), distance)
+    for name, tensor in (("area", area), ("cosine", cosine), ("distance", distance)):
+        require_axes(name, tensor)
+    dtype = torch.promote_types(torch.promote_types(area.dtype, cosine.dtype), distance.dtype)
+    area, cosine, distance = single(area, cosine, distance)
+    return narrow(
+        guarded_divide(guarded_divide(area * cosine.clamp(min=0), distance), distance), dtype
+    )
 
 
 def solid_angle_triangle(
@@ -92,6 +108,8 @@ def solid_angle_triangle(
     >>> solid_angle_triangle(torch.zeros(3), octant) / torch.pi
     tensor(-0.5000)
     """
+    require_axes("position", position, 3)
+    require_axes("triangle", triangle, 3, 3)
     return solid_angle_polygon(position, triangle)
 
 
@@ -119,6 +137,8 @@ def solid_angle_polygon(
     >>> solid_angle_polygon(torch.tensor([0.0, 0, 1]), wall) / torch.pi  # a cube's face
     tensor(0.6667)
     """
+    require_axes("position", position, 3)
+    require_axes("polygon", polygon, None, 3)
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     position, polygon = wide(position, polygon)
     plain, loss = _plain_solid_angle(position, polygon)
@@ -195,6 +215,7 @@ def solid_angle_cone(half_angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*bat
     >>> solid_angle_cone(torch.tensor(torch.pi / 2)) / torch.pi
     tensor(2.0000)
     """
+    require_axes("half_angle", half_angle)
     return 4 * _pi(half_angle) * torch.sin(half_angle / 2) ** 2
 
 
@@ -217,6 +238,8 @@ def solid_angle_sphere(
     >>> solid_angle_sphere(torch.tensor([2.0, 1.0, 0.5]), torch.tensor(1.0)) / torch.pi
     tensor([0.2679, 2.0000, 4.0000])
     """
+    require_axes("distance", distance)
+    require_axes("radius", radius)
     dtype = torch.promote_types(distance.dtype, radius.dtype)
     distance, radius = wide(distance, radius)
     inside = distance < radius

@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from torchradiometry.errors import DegenerateGeometryError
+from torchradiometry.errors import (
+    DegenerateGeometryError,
+    require_axes,
+)
 from torchradiometry.geometry.patches import vector_area
 
 if TYPE_CHECKING:
@@ -39,6 +42,7 @@ def triangulate_polygon(polygon: Float[Tensor, "corner 3"]) -> Int[Tensor, "tria
     tensor([[3, 0, 1],
             [1, 2, 3]])
     """
+    require_axes("polygon", polygon, None, 3)
     flat = _flatten(polygon.detach().double())
     ring, triangles = list(range(len(flat))), []
     while len(ring) > 3:

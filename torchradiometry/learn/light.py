@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import OutOfRangeError, ShapeError, require_axes
 from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.sources.harmonics import cosine_coefficients, harmonic_basis
 
@@ -94,6 +94,10 @@ def estimate_light(
     >>> (light[0, 0] / (2 * math.sqrt(math.pi))).round(decimals=3)  # radiance from everywhere
     tensor([2., 2., 2.])
     """
+    require_axes("image", image, None, None, None, None)
+    require_axes("normal", normal, None, 3, None, None)
+    require_axes("albedo", albedo, None, None, None, None)
+    require_axes("mask", mask, None, 1, None, None)
     _check(image, normal, albedo, mask, rounds, ridge)
     inside = mask > 0
     clean = (torch.where(inside, part, 0) for part in (image, normal, albedo, mask))
@@ -126,7 +130,7 @@ def _solved(
     gram = gram / torch.where(mean > 0, mean, 1) + ridge * slope
     gram = torch.where(mean > 0, gram, torch.eye(9, dtype=gram.dtype, device=gram.device))
     right = guarded_divide(right, mean)
-    return torch.linalg.solve(gram, right).squeeze(-1).mT
+    return torch.linalg.solve_ex(gram, right)[0].squeeze(-1).mT
 
 
 def _trusted(

@@ -22,7 +22,17 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.numerics import angle_of, dot, guarded_divide, safe_norm
+from torchradiometry.errors import require_axes
+from torchradiometry.numerics import (
+    alike,
+    angle_of,
+    dot,
+    guarded_divide,
+    narrow,
+    safe_norm,
+    safe_normalize,
+    single,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -55,10 +65,16 @@ def chord_loss(
     >>> chord_loss(up, right)
     tensor(1.4142)
     """
+    require_axes("normal", normal, 3)
+    require_axes("truth", truth, 3)
+    dtype = torch.promote_types(normal.dtype, truth.dtype)
+    normal, truth = single(normal, truth)
     chord = safe_norm(normal - truth)
     if weight is None:
-        return chord.mean()
-    return guarded_divide((chord * weight).sum(), weight.sum())
+        return guarded_divide(chord.sum(), torch.ones_like(chord).sum()).to(dtype)
+    require_axes("weight", weight)
+    (weight,) = single(weight)
+    return narrow(guarded_divide((chord * weight).sum(), weight.sum()), dtype)
 
 
 def albedo_loss(
@@ -69,7 +85,8 @@ def albedo_loss(
     """Mean |log(a + d) - log(a* + d)| over the mask, d = `DARK`.
 
     Args:
-        albedo: >= 0; where its scale is unknown, relative to its mean on the object.
+        albedo: >= 0 (below, it counts as 0); where its scale is unknown, relative to its mean on
+            the object.
         truth: the same.
         mask: >= 0, weight of each pixel.
 
@@ -83,7 +100,12 @@ def albedo_loss(
     >>> albedo_loss(paint, paint, torch.ones(1, 1, 2, 2))
     tensor(0.)
     """
-    missed = (torch.log(albedo + DARK) - torch.log(truth + DARK)).abs().mean(1, keepdim=True)
+    require_axes("albedo", albedo, None, None, None, None)
+    require_axes("truth", truth, None, None, None, None)
+    require_axes("mask", mask, None, 1, None, None)
+    low, high = torch.minimum(albedo, truth).relu(), torch.maximum(albedo, truth).relu()
+    # |log| of a quotient, without the difference of two logarithms
+    missed = torch.log1p((high - low) / (low + DARK)).mean(1, keepdim=True)
     return guarded_divide((missed * mask).sum(), mask.sum())
 
 
@@ -113,13 +135,18 @@ def rendering_loss(
     >>> rendering_loss(2 * photograph, photograph, torch.ones(1, 1, 4, 4)) < 1e-6
     tensor(True)
     """
-    axes = (-3, -2, -1)
+    require_axes("radiance", radiance, None, None, None, None)
+    require_axes("image", image, None, None, None, None)
+    require_axes("mask", mask, None, 1, None, None)
+    axes, dtype = (-3, -2, -1), torch.promote_types(radiance.dtype, image.dtype)
+    radiance, image, mask = single(radiance, image, mask)
     if exposed:
         common = (mask * radiance * image).sum(axes, keepdim=True)
         scale = guarded_divide(common, (mask * radiance * radiance).sum(axes, keepdim=True))
         radiance = radiance * scale
     missed = (mask * (radiance - image).abs()).sum(axes)
-    return guarded_divide(missed, (mask * image.abs()).sum(axes)).mean()
+    missed = guarded_divide(missed, (mask * image.abs()).sum(axes))
+    return narrow(guarded_divide(missed.sum(), torch.ones_like(missed).sum()), dtype)
 
 
 def integrability_loss(
@@ -141,17 +168,21 @@ def integrability_loss(
     >>> integrability_loss(slanted, torch.ones(1, 1, 5, 5))
     tensor(0.)
     """
+    require_axes("normal", normal, None, 3, None, None)
+    require_axes("mask", mask, None, 1, None, None)
+    dtype = normal.dtype
+    normal, mask = single(normal, mask)
     right, upwards = normal.diff(dim=-1), -normal.diff(dim=-2)
     across = (right[..., 1:, :] + right[..., :-1, :]) / 2
     up = (upwards[..., 1:] + upwards[..., :-1]) / 2
     pairs = normal[..., 1:, :] + normal[..., :-1, :]
     middle = (pairs[..., 1:] + pairs[..., :-1]) / 4
-    inside = mask[:, 0, 1:, :] * mask[:, 0, :-1, :]
-    inside = inside[..., 1:] * inside[..., :-1]
+    inside = torch.minimum(mask[:, 0, 1:, :], mask[:, 0, :-1, :])
+    inside = torch.minimum(inside[..., 1:], inside[..., :-1])
     x, y, z = middle.unbind(1)
     # n_z^2 dp/dy = n_x dn_z/dy - n_z dn_x/dy, and the same for dq/dx
     curl = (x * up[:, 2] - z * up[:, 0]) - (y * across[:, 2] - z * across[:, 1])
-    return guarded_divide((curl.abs() * inside).sum(), inside.sum())
+    return narrow(guarded_divide((curl.abs() * inside).sum(), inside.sum()), dtype)
 
 
 def angle_degrees(
@@ -165,5 +196,9 @@ def angle_degrees(
     >>> angle_degrees(torch.tensor([0.0, 0.0, 2.0]), torch.tensor([0.0, 3.0, 3.0]))
     tensor(45.)
     """
+    require_axes("normal", normal, 3)
+    require_axes("truth", truth, 3)
+    dtype = torch.promote_types(normal.dtype, truth.dtype)
+    normal, truth = (safe_normalize(t) for t in alike(*single(normal, truth)))
     sine = safe_norm(torch.linalg.cross(normal, truth))
-    return torch.rad2deg(angle_of(sine, dot(normal, truth)))
+    return torch.rad2deg(angle_of(sine, dot(normal, truth))).to(dtype)

@@ -30,11 +30,15 @@ import torch
 from torch import Tensor, nn
 from torch._higher_order_ops.while_loop import while_loop
 
+from torchradiometry.errors import require_axes
 from torchradiometry.numerics import (
+    alike,
     guarded_divide,
+    narrow,
     safe_norm,
     safe_normalize,
     safe_sqrt,
+    single,
     wide,
 )
 
@@ -73,10 +77,14 @@ def least_squares(
     Differentiable in: both.
     Export: compile yes, ONNX yes (ONNX has no linear solve).
     """
+    require_axes("intensity", intensity, None, None)
+    require_axes("direction", direction, None, 3)
+    dtype = intensity.dtype
+    intensity, direction = alike(*single(intensity, direction))
     gram = direction.mT @ direction
     ridge = RIDGE * direction.shape[-2]
     gram = gram + ridge * torch.eye(3, dtype=gram.dtype, device=gram.device)
-    return intensity @ direction @ _inverse(gram)
+    return narrow(intensity @ direction @ _inverse(gram), dtype)
 
 
 def robust_normals(
@@ -105,6 +113,8 @@ def robust_normals(
     Export: compile yes, ONNX yes, as a `Loop`.
     References: Holland and Welsch (1977).
     """
+    require_axes("intensity", intensity, None, None)
+    require_axes("direction", direction, None, 3)
     values, light = wide(intensity, direction)
     products, across = _products(light), light.mT.clone()
 
@@ -174,6 +184,9 @@ def observation_map(
     Differentiable in: values, place.
     Export: compile yes, ONNX yes (two matrix products, no scatter).
     """
+    require_axes("values", values, None, None)
+    require_axes("place", place, None, 2)
+    values, place = alike(values, place)
     grid = torch.linspace(-1, 1, cells, dtype=place.dtype, device=place.device)
     x, y = place.unbind(-1)
     along = _brush(x.unsqueeze(-2) - grid.unsqueeze(-1), width)
@@ -341,10 +354,14 @@ def relative_to_mean(
     image: Float[Tensor, "B C H W"], mask: Float[Tensor, "B 1 H W"]
 ) -> Float[Tensor, "B C H W"]:
     """An image divided by its mean over the mask and all channels; 0 outside the mask."""
+    require_axes("image", image, None, None, None, None)
+    require_axes("mask", mask, None, 1, None, None)
+    dtype = image.dtype
+    image, mask = single(image, mask)
     inside = image * mask
     total = inside.sum((-3, -2, -1), keepdim=True)
     area = mask.sum((-2, -1), keepdim=True) * image.shape[-3]
-    return guarded_divide(inside, guarded_divide(total, area))
+    return narrow(guarded_divide(inside, guarded_divide(total, area)), dtype)
 
 
 def _enlarged(image: Tensor, like: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.directions import reflect
 
 if TYPE_CHECKING:
@@ -47,4 +48,6 @@ def mirror_direction(
     >>> mirror_direction(torch.tensor([0.6, 0.0, 0.8]), torch.tensor([0.0, 0.0, 1.0]))
     tensor([-0.6000,  0.0000,  0.8000])
     """
+    require_axes("incident_direction", incident_direction, 3)
+    require_axes("normal", normal, 3)
     return reflect(incident_direction, normal)

@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_axes
 from torchradiometry.materials.lobes import AbstractLobe, mirror_lobe, product
 from torchradiometry.numerics import tiny, wide
 
@@ -119,8 +120,8 @@ def normalized_phong_brdf(
 
 
 def mean_lobe_reflectance(
-    shininess: Float[Tensor, "*batch 1"],
-) -> Float[Tensor, "*batch 1"]:
+    shininess: Float[Tensor, "*batch"],
+) -> Float[Tensor, "*batch"]:
     """Share of even light that `NormalizedPhong` of k_s = 1 reflects (bihemispherical).
 
     With Legendre moments a_l = int_0^1 t^n P_l dt and b_l = int_0^1 t P_l dt (Funk-Hecke),
@@ -145,6 +146,7 @@ def mean_lobe_reflectance(
     >>> mean_lobe_reflectance(torch.tensor([0.0, 50.0]))
     tensor([1.0000, 0.6674])
     """
+    require_axes("shininess", shininess)
     (n,) = wide(shininess)
     even, known = 1 / (n + 1), 0.5
     # l = 0 and 1; the other odd b_l are 0

@@ -61,6 +61,7 @@ def view_directions(
     Differentiable in: position.
     Export: compile yes, ONNX yes.
     """
+    check_image("normal", normal, 3)
     if perspective:
         if position is None:
             raise ShapeError("position", "None", "a perspective view needs B x 3 x H x W in m")

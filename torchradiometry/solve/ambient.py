@@ -21,7 +21,10 @@ from torch import Tensor
 
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.solve.certificate import gamma
-from torchradiometry.solve.operators import AbstractOperator
+from torchradiometry.solve.operators import (
+    AbstractOperator,
+    require_system,
+)
 from torchradiometry.solve.solver import Approximation
 
 if TYPE_CHECKING:
@@ -43,6 +46,7 @@ def ambient_tail(
     Differentiable in: all tensors.
     Export: compile yes, ONNX yes.
     """
+    require_system(operator, ("albedo", albedo), ("rest", rest))
     arriving = operator(rest)
     sees = (operator(albedo) > 0).to(albedo)
     missing = sees - operator(albedo * sees)

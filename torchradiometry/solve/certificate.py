@@ -40,7 +40,12 @@ import torch
 from torch import Tensor
 
 from torchradiometry.numerics import guarded_divide
-from torchradiometry.solve.operators import AbstractOperator, as_operator, reflected
+from torchradiometry.solve.operators import (
+    AbstractOperator,
+    as_operator,
+    reflected,
+    require_system,
+)
 from torchradiometry.solve.solution import Solution, Status
 
 if TYPE_CHECKING:
@@ -89,6 +94,7 @@ def certified(
     Export: compile yes, ONNX yes.
     """
     operator = as_operator(operator)
+    require_system(operator, ("albedo", albedo), ("exitance", exitance), ("radiosity", radiosity))
     with torch.no_grad():
         terms: int | Tensor = operator.terms + FEW
         if residual is None:
@@ -112,6 +118,7 @@ def inverse_norm(
     above: Float[Tensor, "*batch patch channel"],
 ) -> Float[Tensor, "*batch channel"]:
     """max z / min (I - T) z >= |(I - T)^-1|, for any z = `above`; inf where that says nothing."""
+    require_system(operator, ("albedo", albedo), ("above", above))
     loss = gamma(operator.terms + FEW, operator.dtype)
     lowest = (above - reflected(operator, albedo, above) - 2 * loss * above.abs()).amin(-2)
     usable = (lowest > 0) & (above > 0).all(-2)

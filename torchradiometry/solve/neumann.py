@@ -18,7 +18,12 @@ import torch
 from torch import Tensor
 
 from torchradiometry.solve.ambient import with_ambient_tail
-from torchradiometry.solve.operators import AbstractOperator, as_operator, reflected
+from torchradiometry.solve.operators import (
+    AbstractOperator,
+    as_operator,
+    reflected,
+    require_system,
+)
 from torchradiometry.solve.solution import Solution
 from torchradiometry.solve.solver import AbstractSolver, Approximation
 from torchradiometry.solve.stopping import check_count
@@ -37,6 +42,7 @@ def bounce_series(
 ) -> list[Float[Tensor, "*batch patch channel"]]:
     """(rho F)^m M for m = 0 .. bounces + 1: light by the number of its reflections, W/m2."""
     operator, series = as_operator(operator), [exitance]
+    require_system(operator, ("albedo", albedo), ("exitance", exitance))
     for _ in range(bounces + 1):
         series.append(reflected(operator, albedo, series[-1]))
     return series
@@ -62,6 +68,7 @@ def neumann_series(
     Export: compile yes, ONNX yes.
     """
     operator = as_operator(operator)
+    require_system(operator, ("albedo", albedo), ("exitance", exitance))
     radiosity = bounce = exitance
     for _ in range(bounces):
         bounce = reflected(operator, albedo, bounce)
@@ -88,6 +95,7 @@ def separate_bounces(
     Transport", ICCV 2005.
     """
     operator = as_operator(operator)
+    require_system(operator, ("albedo", albedo), ("exitance", exitance))
     exitance = exitance.expand_as(solution.radiosity)
     series = torch.stack(bounce_series(operator, albedo, exitance, bounces)[:-1], -3)
     rest = solution.radiosity - series.sum(-3)

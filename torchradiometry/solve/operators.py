@@ -18,7 +18,12 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import (
+    DTypeError,
+    EmptySceneError,
+    ShapeError,
+    require_axes,
+)
 from torchradiometry.numerics import guarded_divide
 
 if TYPE_CHECKING:
@@ -146,6 +151,7 @@ class DenseOperator(AbstractOperator):
     def __call__(
         self, x: Float[Tensor, "*batch patch channel"]
     ) -> Float[Tensor, "*batch patch channel"]:
+        require_system(self, ("x", x))
         return self.form_factors @ x
 
     def transposed(
@@ -224,6 +230,23 @@ class MatrixFreeOperator(AbstractOperator):
         self, x: Float[Tensor, "*batch patch channel"]
     ) -> Float[Tensor, "*batch patch channel"]:
         return self.product(x)
+
+
+def require_system(operator: AbstractOperator, *columns: tuple[str, Tensor]) -> None:
+    """Raise unless tensors `patch channel` have the dtype and the patches of the operator.
+
+    Raises:
+        DTypeError: integer or complex numbers, or another precision than the form factors'.
+        EmptySceneError: no patches.
+        ShapeError: fewer axes, or another number of patches.
+    """
+    if operator.patches == 0:
+        raise EmptySceneError("operator", "no patches", "add a surface to the scene")
+    for name, tensor in columns:
+        require_axes(name, tensor, operator.patches, None)
+        if tensor.dtype != operator.dtype:
+            got = f"{tensor.dtype} with form factors in {operator.dtype}"
+            raise DTypeError(name, got, "bring both to one dtype")
 
 
 def as_operator(

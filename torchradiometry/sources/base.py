@@ -28,9 +28,14 @@ from torchradiometry.errors import (
     InvalidValueError,
     OutOfRangeError,
     ShapeError,
+    require_axes,
     require_floating,
 )
-from torchradiometry.numerics import clamped_cosine
+from torchradiometry.numerics import (
+    clamped_cosine,
+    narrow,
+    single,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -219,6 +224,7 @@ def arrive(
 
     Channels broadcast: a source of one channel shines white on all.
     """
+    _require_points(position, normal)
     members = [sources] if isinstance(sources, AbstractSource) else list(sources)
     if not members:
         raise ShapeError("sources", "an empty list", "pass at least one source")
@@ -232,17 +238,28 @@ def arrive(
     )
 
 
+def _require_points(position: Tensor | None, normal: Tensor) -> None:
+    """Raise unless they are points and normals."""
+    require_axes("normal", normal, None, 3)
+    if position is not None:
+        require_axes("position", position, None, 3)
+
+
 def irradiance(
     arrival: Arrival,
     normal: Float[Tensor, "*batch point 3"],
     visibility: Float[Tensor, "light *batch point"] | None = None,
 ) -> Float[Tensor, "*batch point channel"]:
     """E = sum over lights of E_facing max(0, n . wi) V, in W/m2 on the surface itself."""
-    require_floating("normal", normal)
-    cosine = clamped_cosine(normal, arrival.direction)
+    require_axes("normal", normal, None, 3)
+    require_axes("arrival.direction", arrival.direction, None, 3)
+    require_axes("arrival.irradiance", arrival.irradiance, None, None)
+    dtype = torch.promote_types(normal.dtype, arrival.irradiance.dtype)
+    normal, direction, facing = single(normal, arrival.direction, arrival.irradiance)
+    cosine = clamped_cosine(normal, direction)
     if visibility is not None:
         cosine = cosine * visibility
-    return (cosine.unsqueeze(-1) * arrival.irradiance).sum(0)
+    return narrow((cosine.unsqueeze(-1) * facing).sum(0), dtype)
 
 
 def arriving_irradiance(
@@ -265,10 +282,12 @@ def arriving_irradiance(
     Differentiable in: position, normal, visibility and every parameter of the sources.
     Export: compile yes, ONNX yes.
     """
+    _require_points(position, normal)
     if not sources:
         raise ShapeError("sources", "an empty list", "pass at least one source")
     shares: Sequence[Tensor | None] = [None] * len(sources)
     if visibility is not None:
+        require_axes("visibility", visibility, None, None)
         lights = [source.lights for source in sources]
         if sum(lights) != visibility.shape[0]:
             raise ShapeError(

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.numerics import narrow, safe_normalize, single
+from torchradiometry.errors import require_axes
+from torchradiometry.numerics import (
+    alike,
+    narrow,
+    safe_normalize,
+    single,
+)
 from torchradiometry.sources.base import AbstractSource, Arrival, check_batch, light_first
 
 if TYPE_CHECKING:
@@ -74,12 +80,15 @@ def directional_irradiance(
     >>> directional_irradiance(sun, torch.tensor([[10.0]]), up)
     tensor([[8.]])
     """
+    require_axes("direction", direction, None, 3)
+    require_axes("irradiance", irradiance, None, None)
+    require_axes("normal", normal, None, 3)
     check_batch(direction, normal)
     dtype = normal.dtype
-    direction, irradiance, normal = single(direction, irradiance, normal)
+    direction, irradiance, normal = alike(*single(direction, irradiance, normal))
     cosine = torch.relu_(safe_normalize(direction) @ normal.mT)  # in place: fresh memory is slow
     if visibility is not None:
-        cosine = cosine * visibility.movedim(0, -2)
+        cosine = (cosine * visibility.movedim(0, -2)).to(irradiance.dtype)
     return narrow((irradiance.mT @ cosine).mT, dtype)
 
 

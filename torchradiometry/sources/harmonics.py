@@ -27,8 +27,12 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError, require_floating
-from torchradiometry.numerics import narrow, single
+from torchradiometry.errors import ShapeError, require_axes, require_floating
+from torchradiometry.numerics import (
+    alike,
+    narrow,
+    single,
+)
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 
 if TYPE_CHECKING:
@@ -73,6 +77,7 @@ def harmonic_basis(direction: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batc
     >>> harmonic_basis(torch.tensor([0.0, 0.0, 1.0]))[[0, 2, 6]]
     tensor([0.2821, 0.4886, 0.6308])
     """
+    require_axes("direction", direction, 3)
     x, y, z = direction.unbind(-1)
     one = torch.ones_like(x)
     shape = (one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, (x - y) * (x + y))
@@ -108,8 +113,13 @@ def project_harmonics(
     >>> project_harmonics(w, torch.ones(6, 1), torch.full((6,), 4 * torch.pi / 6))[0] * _Y0
     tensor([1.0000])
     """
+    require_axes("direction", direction, None, 3)
+    require_axes("radiance", radiance, None, None)
+    require_axes("weight", weight, None)
+    dtype = torch.promote_types(direction.dtype, radiance.dtype)
+    direction, radiance, weight = alike(*single(direction, radiance, weight))
     basis = harmonic_basis(direction) * weight.unsqueeze(-1)
-    return basis.mT @ radiance
+    return narrow(basis.mT @ radiance, dtype)
 
 
 def harmonic_arrival(

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.careful import looked_at_twice
 from torchradiometry.numerics import (
     angle_of,
@@ -75,6 +76,9 @@ def sphere_vector_irradiance(
     >>> sphere_vector_irradiance(2 * up, up, torch.tensor(1.0)) / torch.pi
     tensor([0.0000, 0.0000, 0.2500])
     """
+    require_axes("offset", offset, 3)
+    require_axes("normal", normal, 3)
+    require_axes("radius", radius)
     dtype = torch.promote_types(offset.dtype, radius.dtype)
     seen = _seen(*wide(offset, normal, radius))
     upright, forward = _cut_components(seen)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import DegenerateGeometryError, OutOfRangeError
+from torchradiometry.errors import DegenerateGeometryError, OutOfRangeError, require_axes
 from torchradiometry.numerics import narrow, safe_normalize, single, wide
 from torchradiometry.sources.base import AbstractSource, Arrival, light_first
 from torchradiometry.sources.point import guard_offset, point_arrival
@@ -62,6 +62,10 @@ def cone_attenuation(
     >>> cone_attenuation(ray, axis, torch.tensor(0.0), torch.acos(torch.tensor(0.6)))
     tensor(0.2500)
     """
+    require_axes("direction", direction, 3)
+    require_axes("axis", axis, 3)
+    require_axes("inner_cone", inner_cone)
+    require_axes("outer_cone", outer_cone)
     u, v, inner, outer = wide(direction, axis, inner_cone, outer_cone)
     versine = (safe_normalize(u) - safe_normalize(v)).square().sum(-1) / 2
     versine_inner, versine_outer = 2 * torch.sin(inner / 2) ** 2, 2 * torch.sin(outer / 2) ** 2

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.numerics import safe_normalize
 
@@ -35,6 +36,8 @@ def possible_blockers(
     corners: Float[Tensor, "blocker side 3"], points: Float[Tensor, "point 3"], margin: float
 ) -> Bool[Tensor, "blocker"]:
     """False for polygons whose plane has all `points` on one side, up to `margin` (m)."""
+    require_axes("corners", corners, None, None, 3)
+    require_axes("points", points, None, 3)
     corners = corners.detach().to(torch.float64)
     if len(corners) == 0 or len(points) == 0:
         return torch.zeros(len(corners), dtype=torch.bool, device=corners.device)
@@ -65,6 +68,7 @@ def convex_blockers(triangles: Float[Tensor, "triangle 3 3"]) -> Float[Tensor, "
     >>> convex_blockers(torch.stack((wall[[0, 1, 2]], wall[[0, 2, 3]]))).shape
     torch.Size([1, 4, 3])
     """
+    require_axes("triangles", triangles, None, 3, 3)
     found = triangles.detach().to(torch.float64)
     a, b, c = found.unbind(1)
     solid = (torch.linalg.cross(b - a, c - a) != 0).any(-1)

@@ -30,8 +30,15 @@ from typing import TYPE_CHECKING, TypeAlias
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import NotConvergedError
-from torchradiometry.numerics import guarded_divide
+from torchradiometry.errors import (
+    InvalidValueError,
+    NotConvergedError,
+    require_axes,
+)
+from torchradiometry.numerics import (
+    guarded_divide,
+    wide,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -52,6 +59,8 @@ def cap_rows(
     exchange: Float[Tensor, "patch patch"], area: Float[Tensor, "patch"]
 ) -> Float[Tensor, "patch patch"]:
     """Exchange areas of an open scene with no row above the patch's area, m2."""
+    require_axes("exchange", exchange, None, None)
+    require_axes("area", area, None)
     row = exchange.sum(-1)
     factor = torch.where(row > area, guarded_divide(area, row), 1)
     return exchange * torch.minimum(factor.unsqueeze(1), factor)
@@ -70,11 +79,19 @@ def close_enclosure(
         enclosed: the patches that see nothing but patches; the others keep s = 1. None: all.
 
     Raises:
+        InvalidValueError: NaN or infinity in either.
         NotConvergedError: no symmetric scaling closes it (the scene is open).
 
     Differentiable in: both, implicitly (the steps are not recorded).
     """
-    chosen = exchange.detach().sum(-1) > 0
+    require_axes("exchange", exchange, None, None)
+    require_axes("area", area, None)
+    dtype = torch.promote_types(exchange.dtype, area.dtype)
+    exchange, area = wide(exchange, area)
+    for name, tensor in (("exchange", exchange), ("area", area)):
+        if not bool(torch.isfinite(tensor.detach()).all()):
+            raise InvalidValueError(name, "NaN or infinity", "pass finite numbers")
+    chosen = (exchange.detach().sum(-1) > 0) & (area.detach() > 0)
     if enclosed is not None:
         chosen = chosen & enclosed
     target = torch.where(chosen, area, 0)
@@ -87,7 +104,7 @@ def close_enclosure(
         inverse = torch.linalg.pinv(matrix, hermitian=True) * both
         correction = 1 + inverse @ (target - scaled.sum(-1))
         scaled = scaled * (correction.unsqueeze(1) * correction)
-    return scaled
+    return scaled.to(dtype)
 
 
 @torch.no_grad()

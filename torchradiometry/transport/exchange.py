@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.contour import contour_exchange
@@ -79,6 +80,8 @@ def polygon_exchange(
     >>> round(float(polygon_exchange(floor, wall)), 12)  # two faces of a cube
     0.200043776075
     """
+    require_axes("first", first, None, None, 3)
+    require_axes("second", second, None, None, 3)
     first, second = wide(first, second)
     every = torch.arange(len(first), device=first.device)
     return _exchange(first, second, every, every, rtol)

@@ -29,8 +29,12 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError
-from torchradiometry.numerics import safe_norm
+from torchradiometry.errors import ShapeError, require_axes
+from torchradiometry.numerics import (
+    alike,
+    safe_norm,
+    single,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -75,6 +79,10 @@ def height_field_visibility(
     >>> height_field_visibility(wall, from_the_right)[0, 0, 0]
     tensor([1., 0., 0., 1.])
     """
+    require_axes("height", height, None, None, None)
+    require_axes("direction", direction, None, 3)
+    dtype = height.dtype
+    height, direction = alike(*single(height, direction))
     directions = _per_image(height, direction)
     field = (height / pixel_size).unsqueeze(0)
     step, rise = _steps(directions)
@@ -84,7 +92,7 @@ def height_field_visibility(
         reach = 2**doubling
         horizon = torch.maximum(horizon, _shifted(horizon, step * reach, lowest) - rise * reach)
     seen = (horizon <= field + CLEARANCE) & (directions[..., 2] > 0)[..., None, None]
-    return seen.to(height.dtype)
+    return seen.to(dtype)
 
 
 def height_field_hits(
@@ -116,6 +124,8 @@ def height_field_hits(
     >>> height_field_hits(wall, torch.tensor([[0.8, 0.0, 0.6]]))[0, 0]
     tensor([ 3,  3,  3, -1])
     """
+    require_axes("height", height, None, None, None)
+    require_axes("direction", direction, None, 3)
     rows, columns = height.shape[-2:]
     field = (height / pixel_size).flatten(1)
     if start is None:
@@ -138,7 +148,7 @@ def height_field_hits(
 
 def _per_image(height: Tensor, direction: Tensor) -> Tensor:
     """Directions as `light batch|1 3`."""
-    if height.ndim != 3:
+    if height.ndim != 3 or 0 in height.shape:
         raise ShapeError("height", f"shape {tuple(height.shape)}", "pass batch x height x width")
     if direction.ndim not in (2, 3) or direction.shape[-1] != 3:
         raise ShapeError(

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import ShapeError, require_axes
 from torchradiometry.geometry.patches import Patches, vector_area
 from torchradiometry.numerics import dot, guarded_divide, safe_normalize, wide
 from torchradiometry.transport.blockers import possible_blockers
@@ -107,6 +107,9 @@ def occluded_exchange(
     >>> round(float(occluded_exchange(floor, ceiling, wall).exchange), 6)  # two halves apart
     0.116654
     """
+    require_axes("first", first, None, None, 3)
+    require_axes("second", second, None, None, 3)
+    require_axes("blockers", blockers, None, None, 3)
     for name, corners in (("first", first), ("second", second), ("blockers", blockers)):
         if corners.ndim != 3 or corners.shape[1] < 3 or corners.shape[2] != 3:
             raise ShapeError(name, f"shape {tuple(corners.shape)}", "pass `... corner 3`")

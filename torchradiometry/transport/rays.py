@@ -22,7 +22,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import InvalidValueError, ShapeError
+from torchradiometry.errors import (
+    DTypeError,
+    InvalidValueError,
+    ShapeError,
+)
 from torchradiometry.numerics import dot, guarded_divide
 
 if TYPE_CHECKING:
@@ -126,6 +130,8 @@ def check_triangles(corners: Float[Tensor, "triangle 3 3"]) -> None:
     """Raise a named error unless `corners` is a finite `triangle 3 3`."""
     if corners.ndim != 3 or corners.shape[1:] != (3, 3):
         raise ShapeError("corners", f"shape {tuple(corners.shape)}", "pass `triangle 3 3`")
+    if corners.is_complex():
+        raise DTypeError("corners", f"a tensor of {corners.dtype}", "pass real numbers")
     if not bool(torch.isfinite(corners).all()):
         raise InvalidValueError("corners", "NaN or infinite numbers", "pass finite corners")
 

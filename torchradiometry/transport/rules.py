@@ -24,9 +24,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_axes
 from torchradiometry.geometry.patches import Patches, subdivide
-from torchradiometry.numerics import guarded_divide
+from torchradiometry.numerics import (
+    guarded_divide,
+    narrow,
+    single,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -82,6 +86,7 @@ def patch_points(
     >>> patch_points(torch.eye(3).unsqueeze(0), 1).position
     tensor([[[0.3333, 0.3333, 0.3333]]])
     """
+    require_axes("corners", corners, None, None, 3)
     if degree < 1:
         raise OutOfRangeError("degree", f"{degree}", "pass at least 1")
     share, weight = corner_shares(corners.shape[-2], degree, corners, split)
@@ -206,6 +211,10 @@ def sample_patches(
         corners: triangles or planar convex quads, m.
         where: 0..1 each.
     """
+    require_axes("corners", corners, None, 3)
+    require_axes("where", where, 2)
+    dtype = torch.promote_types(corners.dtype, where.dtype)
+    corners, where = single(corners, where)
     u, v = where.unbind(-1)
     a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
     if corners.shape[-2] == 4:
@@ -218,7 +227,7 @@ def sample_patches(
         u = torch.where(lower, guarded_divide(u, share), guarded_divide(u - share, 1 - share))
     folded = u + v > 1
     u, v = torch.where(folded, 1 - u, u), torch.where(folded, 1 - v, v)
-    return a + u.unsqueeze(-1) * (b - a) + v.unsqueeze(-1) * (c - a)
+    return narrow(a + u.unsqueeze(-1) * (b - a) + v.unsqueeze(-1) * (c - a), dtype)
 
 
 def pair_index(count: int, mask: Tensor) -> tuple[Int[Tensor, "pair"], Int[Tensor, "pair"]]:

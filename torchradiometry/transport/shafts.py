@@ -35,6 +35,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import (
+    require_axes,
+)
 from torchradiometry.geometry.patches import Patches, vector_area
 from torchradiometry.numerics import guarded_divide, safe_normalize
 
@@ -87,6 +90,8 @@ def certain_pairs(
     >>> certain_pairs(pair, wall, torch.tensor([0]), torch.tensor([1]))
     (tensor([False]), tensor([True]))
     """
+    require_axes("patches", patches.corners, None, None, 3)
+    require_axes("blockers", blockers, None, 4, 3)
     visible = torch.ones_like(receiver, dtype=torch.bool)
     hidden = torch.zeros_like(visible)
     if len(blockers) == 0:

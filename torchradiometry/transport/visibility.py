@@ -31,6 +31,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import (
+    require_axes,
+)
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, safe_sqrt
 from torchradiometry.transport.blockers import convex_blockers, possible_blockers
@@ -92,6 +95,7 @@ def pair_visibility(
     Returns:
         0..1 each, detached.
     """
+    require_axes("patches", patches.corners, None, None, 3)
     generator = torch.Generator().manual_seed(seed)
     visible, hidden = _certain(patches, rays, receiver, emitter, samples)
     doubtful = torch.nonzero(~(visible | hidden)).squeeze(-1)

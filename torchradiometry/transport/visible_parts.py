@@ -30,10 +30,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import ShapeError, require_axes
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.geometry.polygon_irradiance import polygon_irradiance
-from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normalize, wide
+from torchradiometry.numerics import (
+    dot,
+    guarded_divide,
+    safe_norm,
+    safe_normalize,
+    wide,
+)
 from torchradiometry.transport.blockers import possible_blockers
 from torchradiometry.transport.convex_pieces import joined, split, subtract
 
@@ -116,14 +122,21 @@ def visible_irradiance(
     >>> visible_irradiance(x, up, panel, screen) / polygon_irradiance(x, up, panel)
     tensor(0.5000)
     """
+    require_axes("position", position, 3)
+    require_axes("normal", normal, 3)
+    require_axes("polygon", polygon, None, 3)
+    require_axes("blockers", blockers, None, None, 3)
     dtype = torch.promote_types(position.dtype, polygon.dtype)
-    views, screens, margin = _prepared(position, normal, polygon, blockers, margin)
+    # the margin is a length: heights over the horizon are lengths for unit normals only
+    (given,) = wide(normal)
+    unit = safe_normalize(given)
+    views, screens, margin = _prepared(position, unit, polygon, blockers, margin)
     shape = torch.broadcast_shapes(position.shape[:-1], normal.shape[:-1], polygon.shape[:-2])
     found = [
         _irradiance(views.chosen(block), screens, margin, two_sided)
         for block in _blocks(views, screens)
     ]
-    return torch.cat(found).reshape(shape).to(dtype)
+    return (torch.cat(found).reshape(shape) * dot(given, unit)).to(dtype)
 
 
 def _irradiance(
@@ -171,6 +184,9 @@ def visible_polygon(
              [ 0., -1.,  2.],
              [ 0.,  1.,  2.]]])
     """
+    require_axes("position", position, 3)
+    require_axes("polygon", polygon, None, 3)
+    require_axes("blockers", blockers, None, None, 3)
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     anywhere = torch.zeros_like(position)
     views, screens, margin = _prepared(position, anywhere, polygon, blockers, margin)
@@ -200,7 +216,10 @@ def _prepared(
     if blockers.ndim != 3:
         raise ShapeError("blockers", f"shape {tuple(blockers.shape)}", "pass `blocker side 3`")
     if margin is None:
-        dtype = torch.promote_types(position.dtype, polygon.dtype)
+        # half precision is storage: its roundings would be larger than what is between the faces
+        dtype = torch.promote_types(
+            torch.promote_types(position.dtype, polygon.dtype), torch.float32
+        )
         largest = [
             float(t.detach().abs().max()) for t in (position, polygon, blockers) if t.numel()
         ]

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_axes
 from torchradiometry.geometry.depth import points_to_normals
 from torchradiometry.learn.samples.solids import grid, lathe, limbs, sheets, stones, uniform
 
@@ -95,6 +95,7 @@ def height_to_normals(
     >>> height_to_normals(torch.zeros(1, 4, 4))[0, :, 0, 0].abs()
     tensor([0., 0., 1.])
     """
+    require_axes("height", height, None, None, None)
     x, y = grid(*height.shape[-2:])
     points = torch.stack(
         [(x * pixel_size).expand_as(height), (y * pixel_size).expand_as(height), height], 1
