@@ -135,9 +135,9 @@ def rendering_loss(
     >>> rendering_loss(2 * photograph, photograph, torch.ones(1, 1, 4, 4)) < 1e-6
     tensor(True)
     """
-    require_axes("radiance", radiance, None, None, None, None)
-    require_axes("image", image, None, None, None, None)
-    require_axes("mask", mask, None, 1, None, None)
+    require_axes("radiance", radiance, None, None, None)
+    require_axes("image", image, None, None, None)
+    require_axes("mask", mask, 1, None, None)
     axes, dtype = (-3, -2, -1), torch.promote_types(radiance.dtype, image.dtype)
     radiance, image, mask = single(radiance, image, mask)
     if exposed:

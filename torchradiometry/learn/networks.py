@@ -77,7 +77,7 @@ def least_squares(
     Differentiable in: both.
     Export: compile yes, ONNX yes (ONNX has no linear solve).
     """
-    require_axes("intensity", intensity, None, None)
+    require_axes("intensity", intensity, None)
     require_axes("direction", direction, None, 3)
     dtype = intensity.dtype
     intensity, direction = alike(*single(intensity, direction))
@@ -113,7 +113,7 @@ def robust_normals(
     Export: compile yes, ONNX yes, as a `Loop`.
     References: Holland and Welsch (1977).
     """
-    require_axes("intensity", intensity, None, None)
+    require_axes("intensity", intensity, None)
     require_axes("direction", direction, None, 3)
     values, light = wide(intensity, direction)
     products, across = _products(light), light.mT.clone()
@@ -354,8 +354,8 @@ def relative_to_mean(
     image: Float[Tensor, "B C H W"], mask: Float[Tensor, "B 1 H W"]
 ) -> Float[Tensor, "B C H W"]:
     """An image divided by its mean over the mask and all channels; 0 outside the mask."""
-    require_axes("image", image, None, None, None, None)
-    require_axes("mask", mask, None, 1, None, None)
+    require_axes("image", image, None, None, None)
+    require_axes("mask", mask, 1, None, None)
     dtype = image.dtype
     image, mask = single(image, mask)
     inside = image * mask

@@ -22,7 +22,7 @@ from torchradiometry.errors import (
     DTypeError,
     EmptySceneError,
     ShapeError,
-    require_axes,
+    require_floating,
 )
 from torchradiometry.numerics import guarded_divide
 
@@ -238,12 +238,15 @@ def require_system(operator: AbstractOperator, *columns: tuple[str, Tensor]) -> 
     Raises:
         DTypeError: integer or complex numbers, or another precision than the form factors'.
         EmptySceneError: no patches.
-        ShapeError: fewer axes, or another number of patches.
+        ShapeError: another number of patches (one broadcasts).
     """
     if operator.patches == 0:
         raise EmptySceneError("operator", "no patches", "add a surface to the scene")
     for name, tensor in columns:
-        require_axes(name, tensor, operator.patches, None)
+        require_floating(name, tensor)
+        if tensor.ndim > 1 and tensor.shape[-2] not in (1, operator.patches):
+            got = f"a tensor of shape {tuple(tensor.shape)}"
+            raise ShapeError(name, got, f"pass `patch channel` with {operator.patches} patches")
         if tensor.dtype != operator.dtype:
             got = f"{tensor.dtype} with form factors in {operator.dtype}"
             raise DTypeError(name, got, "bring both to one dtype")

@@ -240,9 +240,9 @@ def arrive(
 
 def _require_points(position: Tensor | None, normal: Tensor) -> None:
     """Raise unless they are points and normals."""
-    require_axes("normal", normal, None, 3)
+    require_axes("normal", normal, 3)
     if position is not None:
-        require_axes("position", position, None, 3)
+        require_axes("position", position, 3)
 
 
 def irradiance(
@@ -251,9 +251,9 @@ def irradiance(
     visibility: Float[Tensor, "light *batch point"] | None = None,
 ) -> Float[Tensor, "*batch point channel"]:
     """E = sum over lights of E_facing max(0, n . wi) V, in W/m2 on the surface itself."""
-    require_axes("normal", normal, None, 3)
-    require_axes("arrival.direction", arrival.direction, None, 3)
-    require_axes("arrival.irradiance", arrival.irradiance, None, None)
+    require_axes("normal", normal, 3)
+    require_axes("arrival.direction", arrival.direction, 3)
+    require_axes("arrival.irradiance", arrival.irradiance, None)
     dtype = torch.promote_types(normal.dtype, arrival.irradiance.dtype)
     normal, direction, facing = single(normal, arrival.direction, arrival.irradiance)
     cosine = clamped_cosine(normal, direction)
