@@ -109,11 +109,13 @@ def backward(call: Callable, read: list[Tensor]) -> Callable[[], object]:
     return lambda: torch.autograd.grad(call(*leaves).sum(), leaves)
 
 
-def rows(size: tuple[int, int, int], repeats: int) -> list[dict[str, object]]:
+def rows(
+    size: tuple[int, int, int], repeats: int, *, compiled: bool = True
+) -> list[dict[str, object]]:
     found = []
     for name, (eager, read) in cases(*size).items():
         ways = dict(eager)
-        for way, call in eager.items():
+        for way, call in eager.items() if compiled else ():
             ways[f"{way}, compiled"] = torch.compile(call, fullgraph=True)
         with torch.no_grad():
             timed = {("copy", "forward"): measured(copy_of(read), repeats)}

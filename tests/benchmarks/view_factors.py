@@ -21,13 +21,17 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
-import pyviewfactor
-import pyvista
 import torch
 from torch import Tensor
 
 from tests.benchmarks.form_factors import RTOLS, cube, timed
 from torchradiometry import Patches, unoccluded_exchange
+
+try:
+    import pyviewfactor
+    import pyvista
+except ImportError:
+    pyviewfactor = pyvista = None
 
 
 def rival_mesh(patches: Patches) -> pyvista.PolyData:
@@ -73,6 +77,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--parts", type=int, nargs="+", default=[9, 18])
     options = parser.parse_args()
+    if pyviewfactor is None:
+        parser.error("pyviewfactor is not installed")
     torch.set_num_threads(1)
     print(f"pyviewfactor {version('pyviewfactor')}, torch {torch.__version__}\n")
     print("| patches | way | worst row sum - 1 | worst pair | relative L1 | s | spread |")

@@ -152,6 +152,7 @@ class LambertianShading(nn.Module):
         sources: lights that belong to the layer; their learnable tensors are the layer's
             parameters. None: pass sources with each call.
 
+    >>> import torch
     >>> from torchradiometry.sources.directional import DirectionalSource
     >>> layer = LambertianShading(DirectionalSource([0.0, 0.6, 0.8], [10.0]))
     >>> normal = torch.tensor([0.0, 0.0, 1.0]).reshape(1, 3, 1, 1)
