@@ -23,9 +23,7 @@ from torchradiometry.errors import (
     require_axes,
     require_floating,
 )
-from torchradiometry.geometry.patches import (
-    Patches,
-)
+from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import angle_of, dot, safe_norm, safe_normalize
 
 if TYPE_CHECKING:

@@ -25,6 +25,7 @@ import torch
 from torchradiometry.errors import require_axes
 from torchradiometry.geometry.careful import careful_solid_angle, looked_at_twice
 from torchradiometry.numerics import (
+    alike,
     angle_of,
     dot,
     guarded_divide,
@@ -78,7 +79,8 @@ def solid_angle_patch(
     """
     for name, tensor in (("area", area), ("cosine", cosine), ("distance", distance)):
         require_axes(name, tensor)
-    dtype = torch.promote_types(torch.promote_types(area.dtype, cosine.dtype), distance.dtype)
+    area, cosine, distance = alike(area, cosine, distance)
+    dtype = area.dtype
     area, cosine, distance = single(area, cosine, distance)
     return narrow(
         guarded_divide(guarded_divide(area * cosine.clamp(min=0), distance), distance), dtype

@@ -35,9 +35,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import (
-    require_axes,
-)
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.patches import Patches, vector_area
 from torchradiometry.numerics import guarded_divide, safe_normalize
 

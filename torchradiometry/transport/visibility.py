@@ -31,9 +31,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import (
-    require_axes,
-)
+from torchradiometry.errors import require_axes
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, safe_sqrt
 from torchradiometry.transport.blockers import convex_blockers, possible_blockers
