@@ -100,6 +100,7 @@ def polygon_irradiance(
     normal: Float[Tensor, "*batch 3"],
     polygon: Float[Tensor, "*batch corner 3"],
     two_sided: bool = False,
+    rounding: float | None = None,
 ) -> Float[Tensor, "*batch"]:
     """Irradiance of a polygon of unit radiance at a point, exact, cut at the horizon.
 
@@ -111,6 +112,8 @@ def polygon_irradiance(
         normal: of the receiver, unit.
         polygon: planar corners in m, counter-clockwise seen from the emitting side.
         two_sided: both sides shine; otherwise 0 behind the polygon's plane.
+        rounding: relative error that the result may have, to save the second look that hard
+            inputs take; None: the rounding of its dtype.
 
     Returns:
         W/m2 for 1 W/m2/sr, 0...pi. Relative error, measured on hard inputs (1e6 sizes away,
@@ -130,25 +133,23 @@ def polygon_irradiance(
     require_axes("polygon", polygon, None, 3)
     dtype = torch.promote_types(position.dtype, polygon.dtype)
     position, normal, polygon = wide(position, normal, polygon)
-    signed = signed_irradiance(position, normal, polygon, torch.finfo(dtype).eps)
+    if rounding is None:
+        rounding = torch.finfo(dtype).eps
+    signed = _signed_irradiance(position, normal, polygon, rounding, two_sided)
     return (signed.abs() if two_sided else signed.clamp(min=0)).to(dtype)
 
 
-def signed_irradiance(
-    position: Float[Tensor, "*batch 3"],
-    normal: Float[Tensor, "*batch 3"],
-    polygon: Float[Tensor, "*batch corner 3"],
-    rounding: float,
+def _signed_irradiance(
+    position: Tensor, normal: Tensor, polygon: Tensor, rounding: float, two_sided: bool
 ) -> Float[Tensor, "*batch"]:
-    """n . Phi in float64, < 0 behind the polygon; `rounding` is that of the dtype wanted.
-
-    Differentiable in, export: as `polygon_irradiance`.
-    """
+    """n . Phi in float64, < 0 behind the polygon; there only the sign counts of one-sided ones."""
     prepared = _prepared(position, normal, polygon)
     phi, size = _contour_integral(prepared.towards, prepared.slots)
     plain = _dot(prepared.normal.squeeze(1), phi)
     with torch.no_grad():
         loss = _loss(prepared, plain, size)
+        if not two_sided:
+            loss = torch.where(plain < 0, 0, loss)
     rows = (position, 1), (normal, 1), (polygon, 2)
     return looked_at_twice(plain, loss, rounding, careful_irradiance, *rows)
 

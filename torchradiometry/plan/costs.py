@@ -2,10 +2,11 @@
 
     seconds = sum over causes of  price x count
 
-Counts follow from the scene, the camera and the settings (pixels, points x shining polygons,
-pairs of patches, ...); prices are fitted once per machine to the stages of a few pictures of
-standard scenes, by least squares of logarithms, and stored. A machine without stored
-prices gets those of an ordinary processor core.
+Counts follow from the scene, the camera and the settings: pixels, points x shining polygons, pairs
+of patches that face each other or are hidden from each other, levels of the tree of triangles that
+a ray descends. Prices are fitted once per machine to the stages of a few pictures of standard
+scenes, by least squares of logarithms, and stored. A machine without stored prices gets those of
+an ordinary processor core.
 """
 
 from __future__ import annotations
@@ -35,19 +36,23 @@ __all__ = ["Costs", "calibrate", "counts", "stored_costs"]
 MICROSECONDS = {
     "start": 5000,
     "triangle": 0.4,
-    "ray": 2.5,
+    "ray": 1.3,
+    "ray level": 0.13,
     "batch": 4000,
     "lamp point": 5,
     "lit point": 6,
     "polygon point": 2.5,
     "shadow ray": 2.5,
     "clipped batch": 20000,
+    "clipped view": 6,
     "clipped point": 20,
     "lobe ray": 6,
-    "exchange": 60000,
+    "exchange": 30000,
+    "blocked exchange": 30000,
     "patch": 400,
-    "pair": 2,
-    "blocked pair": 2,
+    "pair": 0.6,
+    "facing pair": 1.2,
+    "blocked pair": 6,
     "clustered patch": 800,
     "bounce pair": 0.002,
     "picture": 1000,
@@ -75,6 +80,7 @@ TRIALS = (
     ("cornell", 32, RenderSettings(patch_size=2.0)),
     ("cornell", 32, RenderSettings(patch_size=1.0, bounces=16)),
     ("two rooms", 32, RenderSettings(patch_size=1.5, bounces=48)),
+    ("columns", 16, RenderSettings(patch_size=1.0, bounces=4, penumbra=False)),
     ("shiny table", 32, RenderSettings(bounces=0, lobe_samples=32)),
 )
 
@@ -125,11 +131,14 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     """How often each cause occurs in each stage of a picture with `settings`."""
     camera = pilot.camera
     pixels = camera.width * camera.height if camera is not None else 0
-    side, edges = settings.supersampling, 2 * pilot.one_ray.share
-    more = edges * (4 * side**2 + 2) if side > 1 else 0.0
+    side, one = settings.supersampling, pilot.one_ray
+    edges, bent = (2 * one.share, 2 * one.bent * side**2) if side > 1 else (0.0, 0.0)
+    more = edges * (4 * side**2 + 2) + bent
     seen = pixels * max(pilot.seen, 1 / 64)
     shiny = seen * pilot.highlights.shiny * (settings.lobe_samples > 0)
-    points = seen * (1 + (2 * edges if side > 1 else 0)) + shiny * side**2 * (side > 1)
+    points = seen * (1 + 2 * edges) + pixels * bent + shiny * side**2 * (side > 1)
+    rays = pixels * (1 + more) + shiny * side**2 * (side > 1)
+    levels = math.log2(1 + len(pilot.world.triangles.surface))
     lobes = shiny * max(settings.lobe_samples, side**2)
     once = replace(settings, shadow_samples=min(1, settings.shadow_samples))
     balance = SAMPLE if settings.ambient and settings.bounces == 0 else 0
@@ -137,19 +146,23 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     count = count if settings.bounces else 0.0
     dense = count <= MOST_DENSE
     pairs = count**2 / 2 * dense
+    facing, blocked = pilot.mutual
     batches = 1.0 if side == 1 else 4.0
     return {
         "prepare": {"start": 1.0, "triangle": float(len(pilot.world.triangles.surface))},
-        "direct": {"ray": pixels * (1 + more) + shiny * side**2 * (side > 1)}
+        "direct": {"ray": rays, "ray level": rays * levels}
         | _lit(pilot, settings, points, batches),
         "lobes": {"lobe ray": lobes * (1 + len(pilot.world.emitters.triangle))}
         | _lit(pilot, once, lobes, float(lobes > 0), clips=False),
         "indirect": {
             "ray": float(balance * RAYS),
+            "ray level": balance * RAYS * levels,
             "exchange": float(count > 0),
+            "blocked exchange": float(count > 0 and blocked > 0),
             "patch": count * dense,
             "pair": pairs,
-            "blocked pair": pairs * pilot.blocks,
+            "facing pair": pairs * facing,
+            "blocked pair": pairs * facing * blocked,
             "clustered patch": count * (not dense),
         }
         | _lit(pilot, settings, balance + LIT * count, float(balance + count > 0)),
@@ -172,7 +185,9 @@ def _lit(
     soft = settings.penumbra and settings.extent
     exact = clips and shaded and soft and blockers is not None
     clipped = polygons * len(blockers) if exact and blockers is not None else 0
-    rays = 0 if exact else polygons * (settings.shadow_samples if soft else 1)
+    # points whose first rays disagree take three times as many more
+    each = settings.shadow_samples * (1 + 3 * pilot.shaded) if soft else 1
+    rays = 0 if exact else polygons * each
     return {
         "batch": batches,
         "clipped batch": batches * (clipped > 0),
@@ -180,6 +195,7 @@ def _lit(
         "lit point": points * (polygons > 0),
         "polygon point": polygons * points * (1.0 if settings.extent else 0.3),
         "shadow ray": points * shaded * (lamps + rays * pilot.facing),
+        "clipped view": points * polygons * (clipped > 0),
         "clipped point": points * clipped * pilot.shaded,
     }
 

@@ -141,9 +141,10 @@ class DepthLevel(NamedTuple):
 @torch.no_grad()
 def depth_levels(maps: DepthMaps) -> list[dict[str, tuple[DepthLevel, ...]]]:
     """For every image, each effect's levels from left out to best."""
-    worth = _worth(maps.middle())
-    if max(maps.depth.shape[-2:]) > MIDDLE:
-        worth = [near.or_more(far) for near, far in zip(worth, _worth(maps.coarse()), strict=True)]
+    worth = _worth(maps.coarse())
+    if max(maps.depth.shape[-2:]) > PILOT:
+        # also where the middle is all of it: a coarse map has cells as small as its pixels
+        worth = [far.or_more(near) for far, near in zip(worth, _worth(maps.middle()), strict=True)]
     lights = sum(s.lights for s in maps.sources if s.has_direction)
     domes = any(not s.has_direction for s in maps.sources)
     glossy = maps.specular is not None and maps.shininess is not None

@@ -2,9 +2,8 @@
 
     error of leaving something out  =  sum |L without - L with| / sum L        over pilot pixels
 
-Each pilot pixel is seen through its middle x and through a pair of opposite places x +- u in it.
-L(x) - (L(x + u) + L(x - u)) / 2 vanishes where the picture is linear and has, at an edge, the mean
-size of the error of one ray a pixel. Direct light is evaluated exactly, reflected light on coarse
+Each pilot pixel is seen through its middle and through a pair of opposite places in it
+(`within_pixels`). Direct light is evaluated exactly, reflected light on coarse
 patches (`reflections`). Sums over n pixels have a standard error, and what n pixels do not show
 may still be there: `mean_error` adds both.
 
@@ -23,15 +22,17 @@ from torch import Tensor
 
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.numerics import guarded_divide
-from torchradiometry.plan.highlights import Highlights, look_at_highlights, shown_by_looks
+from torchradiometry.plan.highlights import Highlights, look_at_highlights
 from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
 from torchradiometry.plan.resolution import bends
 from torchradiometry.plan.rough import thinned
+from torchradiometry.plan.within_pixels import OneRay, look_within_pixels
 from torchradiometry.render.ambient import SurfaceSample, on_surfaces
 from torchradiometry.render.direct import (
     emitter_weights,
     lamp_irradiance,
     small_source_irradiance,
+    unblocked_irradiance,
 )
 from torchradiometry.render.points import Receivers, SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
@@ -43,7 +44,7 @@ from torchradiometry.transport.rules import sequence
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["OneRay", "Pilot"]
+__all__ = ["Pilot"]
 
 #: pixels that are looked at where faces shine, and where only lamps do, which is quick
 PIXELS, MORE = 512, 2048
@@ -51,17 +52,16 @@ PIXELS, MORE = 512, 2048
 MOST_TESTS = 2**24
 #: shadow rays of a point to all shining polygons, and at least to each, where nothing is left out
 SHADOWS, EACH = 8, 4
-#: blockers x shining polygons up to which penumbras are clipped at all pixels, and at one in how
-#: many otherwise
-CLIPS, SPARSE = 16, 6
+#: other points that each point of the surfaces is paired with
+PAIRS = 4
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
 BLUR, POWER = 2.3, 1.3
 #: error of reflected light between patches as large as the scene that see each other in part
 PARTLY = 0.03
-#: slope out of the plane above which two points of a pixel lie on different surfaces
-STEP = 0.2
+#: rounding that irradiance may have here
+ENOUGH_DIGITS = 1e-4
 
 
 class _Lit(NamedTuple):
@@ -78,20 +78,6 @@ class _Lit(NamedTuple):
     power: Float[Tensor, "sample"]
 
 
-class OneRay(NamedTuple):
-    """What one ray a pixel makes of a picture.
-
-    Attributes:
-        at_edges, inside: relative L1 error by pixels that show an edge of a surface, and by
-            those whose light bends.
-        share: of the pixels that show an edge.
-    """
-
-    at_edges: float
-    inside: float
-    share: float
-
-
 class Pilot:
     """What a quick look at a scene shows; everything is found when it is first asked for.
 
@@ -105,6 +91,7 @@ class Pilot:
         self.scene, self.camera, self.seed = scene, camera, seed
         self.world: World = prepare(scene, RenderSettings())
         self._known: dict[RenderSettings, _Lit] = {}
+        self._open: dict[bool, Tensor] = {}
         self._counts: dict[float, float] = {}
         self.lit_world = thinned(self.world)
         polygons = max(1, len(self.lit_world.emitters.corners))
@@ -154,7 +141,7 @@ class Pilot:
         return all(float((n @ around - o).max()) <= world.rays.tolerance for n, o in parts)
 
     @cached_property
-    def _looks(self) -> tuple[SurfacePoints, Bool[Tensor, "look pixel"]]:
+    def looks(self) -> tuple[SurfacePoints, Bool[Tensor, "look pixel"]]:
         """What the rays of all pilot pixels meet, and whether it is a surface that counts."""
         generator = torch.Generator().manual_seed(self.seed)
         like = self.world.triangles.corners
@@ -182,13 +169,13 @@ class Pilot:
     @cached_property
     def points(self) -> SurfacePoints:
         """What the middles of the pilot pixels see, emitters and background left out."""
-        where, counts = self._looks
+        where, counts = self.looks
         return where.take(torch.nonzero(counts[0]).squeeze(-1))
 
     @cached_property
     def seen(self) -> float:
         """Share of the pixels that see a surface that does not shine."""
-        return float(self._looks[1][0].double().mean())
+        return float(self.looks[1][0].double().mean())
 
     def _lit(self, settings: RenderSettings) -> _Lit:
         """Direct light of the pilot points and of all surfaces."""
@@ -200,7 +187,10 @@ class Pilot:
     def _evaluated(self, settings: RenderSettings) -> _Lit:
         found, sample = self.points, self.surfaces
         parts = zip(found.receivers, sample.receivers, strict=True)
-        light = self._direct_at(Receivers(*(torch.cat(pair) for pair in parts)), settings)
+        points = Receivers(*(torch.cat(pair) for pair in parts))
+        if settings.extent not in self._open:
+            self._open[settings.extent] = self.unblocked(points, settings.extent)
+        light = self.direct_at(points, settings, self._open[settings.extent])
         seen, everywhere = light.split((len(found.face), len(sample.triangle)))
         albedo = self.world.triangles.reflectance[sample.triangle].double()
         power = sample.weight * (albedo * everywhere).sum(-1)
@@ -227,15 +217,42 @@ class Pilot:
         position, normal = (t.unsqueeze(1) for t in self.points.receivers[:2])
         return float((small_source_irradiance(position, normal, polygons) > 0).double().mean())
 
+    @cached_property
+    def mutual(self) -> tuple[float, float]:
+        """Share of pairs of points of the surfaces that face each other, and of those the share
+        that something stands between.
+        """
+        points, rays = self.surfaces.receivers, self.world.rays
+        count = len(points.position)
+        generator = torch.Generator().manual_seed(self.seed)
+        other = torch.randint(count, (PAIRS * count,), generator=generator)
+        here, there = points.take(torch.arange(count).repeat(PAIRS)), points.take(other)
+        way = there.position - here.position
+        front = ((way * here.facet).sum(-1) > 0) & ((way * there.facet).sum(-1) < 0)
+        here, there = here.take(front), there.take(front)
+        ends = (rays.lift(end.position, end.facet) for end in (here, there))
+        blocked = (~rays.visible(*ends)).double().mean() if bool(front.any()) else 0.0
+        return float(front.double().mean()), float(blocked)
+
     @torch.no_grad()
-    def _direct_at(
-        self, points: Receivers, settings: RenderSettings, clip: bool = False
+    def direct_at(
+        self, points: Receivers, settings: RenderSettings, unblocked: Tensor | None
     ) -> Float[Tensor, "point channel"]:
-        world = self.lit_world if clip else self.lit_world._replace(blockers=None)
+        """Penumbras are clipped where nothing is known `unblocked`."""
+        world = self.lit_world
+        world = world if unblocked is None else world._replace(blockers=None)
         generator = torch.Generator().manual_seed(self.seed + settings.shadow_samples)
-        weights = emitter_weights(world, settings, points, generator)
+        weights = emitter_weights(world, settings, points, generator, unblocked)
         lamps = lamp_irradiance(world, settings, points, generator)
         return lamps + weights @ world.glow(world.triangles)
+
+    def unblocked(self, points: Receivers, extent: bool) -> Float[Tensor, "point polygon"]:
+        """Irradiance of every polygon for unit radiance with nothing in between."""
+        position, normal = (t.unsqueeze(1) for t in points[:2])
+        polygons = self.lit_world.emitters.corners
+        if not len(polygons):
+            return position.new_zeros(len(position), 0)
+        return unblocked_irradiance(position, normal, polygons, extent, ENOUGH_DIGITS)
 
     @cached_property
     def full_direct(self) -> Float[Tensor, "point channel"]:
@@ -341,54 +358,6 @@ class Pilot:
     @cached_property
     def one_ray(self) -> OneRay:
         """The picture with one ray a pixel."""
-        where, counts = self._looks
         if self.camera is None or self.light <= 0:
-            return OneRay(0.0, 0.0, 0.0)
-        edge, blockers = self._edges(where, counts), self.lit_world.blockers
-        work = 0 if blockers is None else len(blockers) * len(self.lit_world.emitters.corners)
-        step, light = self._steps(where, counts, work <= CLIPS)
-        bent = (step * ~edge).mean()
-        if work > CLIPS:
-            # some pixels tell by how much the noise of penumbras makes steps larger than they are
-            part = torch.arange(len(edge), device=edge.device) % SPARSE == 0
-            exact, _ = self._steps(where, counts & part, True)
-            bent = (bent - ((step - exact) * ~edge)[part].mean()).clamp(min=0)
-        at_edges, inside, error = (
-            float(guarded_divide(part, light.mean()))
-            for part in ((step * edge).mean(), bent, step.std() / len(step) ** 0.5)
-        )
-        both = at_edges + inside
-        more = 1 + error / both if both > 0 else 1.0
-        return OneRay(at_edges * more, inside * more, float(edge.double().mean()))
-
-    def _edges(
-        self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"]
-    ) -> Bool[Tensor, "pixel"]:
-        """Pixels that show more than one surface, or a bent one."""
-        surface = self.world.triangles.surface[where.triangle.clamp(min=0)]
-        kind = torch.where(where.triangle >= 0, surface, -1).reshape(counts.shape)
-        middle = where.take(torch.arange(counts.shape[1], device=counts.device).repeat(3))
-        step = ((where.position - middle.position) * middle.normal).sum(-1)
-        bent = (step.abs() > STEP * self.world.rays.scale / 100).reshape(counts.shape).any(0)
-        return ((kind != kind[0]).any(0) | bent) & counts.any(0)
-
-    def _steps(
-        self, where: SurfacePoints, counts: Bool[Tensor, "look pixel"], clip: bool
-    ) -> tuple[Float[Tensor, "pixel"], Float[Tensor, "pixel"]]:
-        """What the middle of a pixel differs from its pair, and its light; sums of channels."""
-        flat = torch.nonzero(counts.reshape(-1)).squeeze(-1)
-        found = where.take(flat)
-        albedo = self.scene.albedo_at(found.triangle, found.barycentric).detach().double()
-        light = self._direct_at(found.receivers, self.fine, clip) + self.reflections.at(found)
-        look, pixel = flat // counts.shape[1], flat % counts.shape[1]
-        of = (found, look, pixel, self.reflections)
-        light = albedo * light + math.pi * shown_by_looks(self.lit_world, self.fine, *of)
-        full = light.new_zeros(counts.numel()).index_copy(0, flat, light.sum(-1))
-        middle, *pair = full.reshape(counts.shape)
-        # pixels partly covered by an emitter are not counted, as they are not in the picture
-        shines = self._shines(where).reshape(counts.shape).any(0)
-        return (middle - (pair[0] + pair[1]) / 2).abs() * ~shines, middle
-
-    def _shines(self, where: SurfacePoints) -> Bool[Tensor, "look"]:
-        emits = (self.world.triangles.emission > 0).any(-1)
-        return emits[where.triangle.clamp(min=0)] & (where.triangle >= 0)
+            return OneRay(0.0, 0.0, 0.0, 0.0)
+        return look_within_pixels(self)

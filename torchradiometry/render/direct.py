@@ -48,6 +48,8 @@ __all__ = [
 
 #: pairs of a point and an emitting polygon that are integrated at a time
 BLOCK = 2**15
+#: rounding of a polygon's irradiance: a picture does not show the digits of a second look
+ROUNDING = 2.0**-34
 
 
 def direct_irradiance(
@@ -66,26 +68,57 @@ def direct_irradiance(
 
 
 def emitter_weights(
-    world: World, settings: RenderSettings, points: Receivers, generator: torch.Generator
+    world: World,
+    settings: RenderSettings,
+    points: Receivers,
+    generator: torch.Generator,
+    unblocked: Float[Tensor, "point polygon"] | None = None,
 ) -> Float[Tensor, "point emitter"]:
     """W: irradiance of each emitting surface for unit radiance, W/m2 per W/m2/sr.
 
     Arguments as of `direct_irradiance`.
+
+    Args:
+        unblocked: irradiance of each polygon for unit radiance with nothing in between, where it
+            is known; not asked for where penumbras are clipped.
     """
     emitters = world.emitters
     if len(emitters.corners) == 0:
         return points.position.new_zeros(len(points.position), 0)
-    blocks = []
-    for part in points.split(max(1, BLOCK // len(emitters.corners))):
+    step, blocks = max(1, BLOCK // len(emitters.corners)), []
+    for number, part in enumerate(points.split(step)):
         pairs = (part.position.unsqueeze(1), part.normal.unsqueeze(1), emitters.corners)
         exact = settings.shadow_samples > 0 and settings.penumbra and settings.extent
         if exact and world.blockers is not None:
-            seen = visible_irradiance(*pairs, world.blockers, margin=world.rays.tolerance)
+            seen = visible_irradiance(
+                *pairs, world.blockers, margin=world.rays.tolerance, rounding=ROUNDING
+            )
         else:
-            seen = (polygon_irradiance if settings.extent else small_source_irradiance)(*pairs)
+            if unblocked is not None:
+                seen = unblocked[number * step : (number + 1) * step]
+            else:
+                seen = unblocked_irradiance(*pairs, settings.extent)
             seen = seen * _visible_share(world, settings, seen, part, generator)
         blocks.append(seen @ emitters.member)
     return torch.cat(blocks)
+
+
+def unblocked_irradiance(
+    position: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+    polygon: Float[Tensor, "*batch corner 3"],
+    extent: bool,
+    rounding: float = ROUNDING,
+) -> Float[Tensor, "*batch"]:
+    """Irradiance of a polygon of unit radiance with nothing in between, W/m2.
+
+    Args:
+        position, normal, polygon, rounding: as of `polygon_irradiance`.
+        extent: whether the polygon shines from all of its area.
+    """
+    if not extent:
+        return small_source_irradiance(position, normal, polygon)
+    return polygon_irradiance(position, normal, polygon, rounding=rounding)
 
 
 def small_source_irradiance(

@@ -88,6 +88,7 @@ def visible_irradiance(
     *,
     two_sided: bool = False,
     margin: float | None = None,
+    rounding: float | None = None,
 ) -> Float[Tensor, "*batch"]:
     """Irradiance by a polygon of unit radiance behind convex blockers, exact, per point.
 
@@ -104,6 +105,7 @@ def visible_irradiance(
         two_sided: both sides of the polygon shine.
         margin: what is closer to a blocker's plane does not see it, m. None: 256 roundings of the
             largest coordinate.
+        rounding: as of `polygon_irradiance`.
 
     Returns:
         W/m2 for 1 W/m2/sr.
@@ -133,23 +135,24 @@ def visible_irradiance(
     views, screens, margin = _prepared(position, unit, polygon, blockers, margin)
     shape = torch.broadcast_shapes(position.shape[:-1], normal.shape[:-1], polygon.shape[:-2])
     found = [
-        _irradiance(views.chosen(block), screens, margin, two_sided)
+        _irradiance(views.chosen(block), screens, margin, two_sided, rounding)
         for block in _blocks(views, screens)
     ]
     return (torch.cat(found).reshape(shape) * dot(given, unit)).to(dtype)
 
 
 def _irradiance(
-    views: _Views, blockers: Tensor, margin: float, two_sided: bool
+    views: _Views, blockers: Tensor, margin: float, two_sided: bool, rounding: float | None
 ) -> Float[Tensor, "view"]:
     """`visible_irradiance` of a block of views."""
-    whole = polygon_irradiance(views.position, views.normal, views.polygon, two_sided)
+    whole = polygon_irradiance(views.position, views.normal, views.polygon, two_sided, rounding)
     lit = torch.nonzero(whole.detach() > 0).squeeze(-1)
     if len(blockers) == 0 or len(lit) == 0:
         return whole
     pieces, view, affected = _pieces(views.chosen(lit), blockers, margin)
     centre = torch.zeros_like(pieces[:, 0]).mT
-    part = polygon_irradiance(centre, views.normal[lit[view]], pieces.permute(2, 1, 0), two_sided)
+    normal, corners = views.normal[lit[view]], pieces.permute(2, 1, 0)
+    part = polygon_irradiance(centre, normal, corners, two_sided, rounding)
     seen = torch.zeros_like(whole[lit]).index_add(0, view, part)
     return whole.index_put((lit[affected],), seen[affected])
 

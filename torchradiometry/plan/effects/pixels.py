@@ -32,7 +32,7 @@ class Supersampling(AbstractEffect):
     def levels(self, pilot: Pilot) -> tuple[Level, ...]:
         if pilot.camera is None:
             return (Level("left out", 0.0, "exact", {"supersampling": 1}),)
-        at_edges, inside, _ = pilot.one_ray
+        at_edges, inside, _, _ = pilot.one_ray
         at_edges += pilot.unseen
         if any(s.texture is not None or s.glossy for s in pilot.scene.surfaces):
             at_edges, inside = 0.0, at_edges + inside
