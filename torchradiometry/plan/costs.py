@@ -3,10 +3,10 @@
     seconds = sum over causes of  price x count
 
 Counts follow from the scene, the camera and the settings: pixels, points x shining polygons, pairs
-of patches that face each other or are hidden from each other, levels of the tree of triangles that
-a ray descends. Prices are fitted once per machine to the stages of a few pictures of standard
-scenes, by least squares of logarithms, and stored. A machine without stored prices gets those of
-an ordinary processor core.
+of patches that face each other, or that something may stand between, levels of the tree of
+triangles that a ray descends. Prices are fitted once per machine to the stages of a few pictures
+of standard scenes, by least squares of logarithms, and stored. A machine without stored prices
+gets those of an ordinary processor core.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ MICROSECONDS = {
     "patch": 400,
     "pair": 0.6,
     "facing pair": 1.2,
-    "blocked pair": 6,
+    "doubtful pair": 3,
     "clustered patch": 800,
     "bounce pair": 0.002,
     "picture": 1000,
@@ -64,6 +64,8 @@ DEFAULT = {name: price / 1_000_000 for name, price in MICROSECONDS.items()}
 WEAKLY = 0.05
 #: largest logarithm of a price over the default's
 FARTHEST = 3.0
+#: pairs of patches that something may stand between, for each pair of points that it hides
+PARTLY = 4
 #: points of a patch that are lit directly
 LIT = 16
 #: pictures that prices are fitted to: scene, size, settings
@@ -147,6 +149,8 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     dense = count <= MOST_DENSE
     pairs = count**2 / 2 * dense
     facing, blocked = pilot.mutual
+    # what hides some pairs hides others in part; among many blockers no pair is certain
+    doubtful = min(1.0, PARTLY * blocked) if pilot.world.blockers is not None else 1.0
     batches = 1.0 if side == 1 else 4.0
     return {
         "prepare": {"start": 1.0, "triangle": float(len(pilot.world.triangles.surface))},
@@ -162,7 +166,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
             "patch": count * dense,
             "pair": pairs,
             "facing pair": pairs * facing,
-            "blocked pair": pairs * facing * blocked,
+            "doubtful pair": pairs * facing * doubtful,
             "clustered patch": count * (not dense),
         }
         | _lit(pilot, settings, balance + LIT * count, float(balance + count > 0)),
