@@ -133,6 +133,9 @@ ONE = ("batch", 1, "height", "width")
 SQUARE = [[-1.0, -1, 2], [-1, 1, 2], [1, 1, 2], [1, -1, 2]]
 TRIANGLE = [[-1.0, -1, 2], [-1, 1, 2], [1, 1, 2]]
 SCREEN = [[0.0, -9, 1], [9, -9, 1], [9, 9, 1], [0, 9, 1]]
+FLOOR = [[-1.0, -1, 0], [1, -1, 0], [1, 1, 0]]
+CEILING = [[1.0, 1, 2], [1, -1, 2], [-1, -1, 2]]
+FACING = near([FLOOR, CEILING], noise=0.1)
 ROOM = {
     "albedo": real("batch", "point", 3, high=0.8),
     "exitance": real("batch", "point", 3),
@@ -164,6 +167,7 @@ FUNCTIONS = [
     function("geometry.solid_angle_cone", half_angle=real(*P)),
     function("geometry.solid_angle_patch", area=real(*P), cosine=real(*P), distance=real(*P)),
     function("geometry.solid_angle_polygon", position=real(*P, 3, low=-0.5, high=0.5), polygon=near(SQUARE, *P)),
+    function("geometry.solid_angle_triangle", position=real(*P, 3, low=-0.5, high=0.5), triangle=near(TRIANGLE, *P, noise=0.1)),
     function("geometry.solid_angle_sphere", distance=real(*P, low=2, high=3), radius=real(*P)),
     function("geometry.spherical_direction", polar=real(*P), azimuth=real(*P)),
     function("geometry.subdivide", lambda corners: geometry.subdivide(Patches(corners), 1e300)[0].corners, corners=near(TRIANGLE, "point", noise=0.1)),
@@ -175,6 +179,7 @@ FUNCTIONS = [
     function("sources.directional_irradiance", direction=unit("batch", "light"), irradiance=real("batch", "light", 3), normal=unit(*P)),
     function("sources.harmonic_basis", direction=unit(*P)),
     function("sources.irradiance", arrived, direction=unit("light", *P), irradiance=real("light", *P, 3), normal=unit(*P)),
+    function("sources.sphere_vector_irradiance", offset=real(*P, 3, low=1, high=2), normal=unit(*P), radius=real(*P)),
     function("sources.project_harmonics", direction=unit("point"), radiance=real("batch", "point", 3), weight=real("point")),
     function("materials.mean_lobe_reflectance", shininess=real(*P, 1, low=3, high=9)),
     function("materials.mirror_direction", incident_direction=unit(*P), normal=unit(*P)),
@@ -183,6 +188,11 @@ FUNCTIONS = [
     function("transport.close_enclosure", exchange=symmetric, area=real("point", low=3, high=4)),
     function("transport.convex_blockers", triangles=near(TRIANGLE, "point", noise=0.1)),
     function("transport.certain_pairs", lambda corners, blockers: tuple(counted(t) for t in transport.certain_pairs(Patches(corners), blockers, *in_pairs(len(corners)))), corners=real("point", 3, 3), blockers=near(SCREEN, 1)),
+    function("transport.exchange_areas", lambda corners: transport.exchange_areas(Patches(corners)), corners=FACING),
+    function("transport.form_factors", lambda corners: transport.form_factors(Patches(corners), transport.BruteForceRays(corners)), corners=FACING),
+    function("transport.occluded_exchange", lambda first, second, blockers: transport.occluded_exchange(first, second, blockers).exchange, first=near(FLOOR, 1, noise=0.1), second=near(CEILING, 1, noise=0.1), blockers=near(SCREEN[:3], 1)),
+    function("transport.polygon_exchange", first=near(FLOOR, "point", noise=0.1), second=near(CEILING, "point", noise=0.1)),
+    function("transport.unoccluded_exchange", lambda corners: transport.unoccluded_exchange(Patches(corners)), corners=FACING),
     function("transport.pair_visibility", lambda corners, blockers: transport.pair_visibility(Patches(corners), transport.BruteForceRays(blockers), *in_pairs(len(corners))).visibility, corners=real("point", 3, 3), blockers=near(SCREEN[:3], 1)),
     function("transport.height_field_hits", lambda height, direction: transport.height_field_hits(height, direction), height=real("batch", "height", "width"), direction=unit("light")),
     function("transport.height_field_visibility", height=real("batch", "height", "width"), direction=unit("batch", "light")),

@@ -12,6 +12,7 @@ from tests.tolerances import assert_close
 from torchradiometry import errors, geometry, render, scene, solve, sources
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.render import indirect
+from torchradiometry.render.direct import unblocked_irradiance
 from torchradiometry.render.exposure import exposure_of
 from torchradiometry.render.gather import gather_weights
 from torchradiometry.render.indirect import first_patches
@@ -94,6 +95,24 @@ def test_penumbras_behind_few_blockers_have_no_noise(samples: int) -> None:
     # 1024 rays in penumbras: standard error of a share at most 1.6 %
     assert_close(exact, sampled, atol=0.05 * float(exact.max()))
     assert (exact < sampled.max()).any()
+
+
+@pytest.mark.parametrize("extent", [True, False])
+def test_light_that_is_known_to_arrive_unblocked_is_not_found_again(extent: bool) -> None:
+    made = cornell(lamp=False)
+    world = render.prepare(made, FAST)._replace(blockers=None)
+    x = torch.linspace(-1.5, 1.5, 40, dtype=torch.float64)
+    position = torch.stack((x, torch.zeros_like(x), torch.full_like(x, -1.9)), -1)
+    up = torch.tensor([0.0, 1, 0], dtype=torch.float64).expand_as(position)
+    points, settings = render.Receivers(position, up, up), replace(FAST, extent=extent)
+    polygons = world.emitters.corners
+    free = unblocked_irradiance(position.unsqueeze(1), up.unsqueeze(1), polygons, extent)
+    both = [
+        render.emitter_weights(world, settings, points, torch.Generator().manual_seed(0), known)
+        for known in (None, free, 2 * free)
+    ]
+    assert_close(both[1], both[0], rtol=0, atol=0)
+    assert_close(both[2], 2 * both[0])
 
 
 def test_refined_patches_cover_the_same_and_are_found(generator: torch.Generator) -> None:

@@ -81,10 +81,13 @@ def least_squares(
     require_axes("direction", direction, None, 3)
     dtype = intensity.dtype
     intensity, direction = alike(*single(intensity, direction))
-    gram = direction.mT @ direction
-    ridge = RIDGE * direction.shape[-2]
-    gram = gram + ridge * torch.eye(3, dtype=gram.dtype, device=gram.device)
-    return narrow(intensity @ direction @ _inverse(gram), dtype)
+    # in units of the longest light: sixth powers of lengths are no numbers of float32
+    bound = torch.ones_like(direction[..., :1, :]) if direction.shape[-2] == 0 else direction
+    unit = bound.detach().abs().amax((-1, -2), keepdim=True).clamp(min=1)
+    direction = direction / unit
+    eye = torch.eye(3, dtype=direction.dtype, device=direction.device)
+    gram = direction.mT @ direction + RIDGE * direction.shape[-2] / (unit * unit) * eye
+    return narrow(intensity @ direction @ _inverse(gram) / unit, dtype)
 
 
 def robust_normals(

@@ -148,14 +148,15 @@ def mean_lobe_reflectance(
     """
     require_axes("shininess", shininess)
     (n,) = wide(shininess)
-    even, known = 1 / (n + 1), 0.5
+    # (n + 2) a_l; both quotients as 1 and what is left, so that gradients keep their digits
+    even, known = 1 + 1 / (n + 1), 0.5
     # l = 0 and 1; the other odd b_l are 0
-    total = known * known * even + 3 / 9 / (n + 2)
+    total = known * known * even + 1 / 3
     for order in range(2, 2 * LEGENDRE + 1, 2):
-        even = even * (n - order + 2) / (n + order + 1)
+        even = even * (1 - (2 * order - 1) / (n + order + 1))
         known = known * (3 - order) / (order + 2)
         total = total + (2 * order + 1) * known * known * even
-    return torch.where(n > 0, (n + 2) * total, 1).to(shininess.dtype)
+    return torch.where(n > 0, total, 1).to(shininess.dtype)
 
 
 def original_phong_brdf(

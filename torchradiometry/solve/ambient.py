@@ -51,7 +51,9 @@ def ambient_tail(
     sees = (operator(albedo) > 0).to(albedo)
     missing = sees - operator(albedo * sees)
     above_rounding = missing > gamma(operator.terms, operator.dtype)
-    weight = torch.where(above_rounding, albedo.square() * missing, 0)
+    # shares of the whole albedo: squares of small ones underflow, and only ratios count
+    share = guarded_divide(albedo, albedo.detach().sum(-2, keepdim=True))
+    weight = torch.where(above_rounding, share.square() * missing, 0)
     if operator.area is not None:
         weight = weight * operator.area.unsqueeze(-1)
     ambient = guarded_divide(

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import require_axes
+from torchradiometry.errors import InvalidValueError, require_axes
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.contour import contour_exchange
@@ -97,9 +97,15 @@ def unoccluded_exchange(patches: Patches, rtol: float = RTOL) -> Float[Tensor, "
     Returns:
         m2, float64; the diagonal is 0.
 
+    Raises:
+        InvalidValueError: NaN or infinite corners.
+
     Differentiable in: corners (kinks where a corner crosses another patch's plane).
     Export: no, see `polygon_exchange`.
     """
+    require_axes("patches", patches.corners, None, None, 3)
+    if not bool(torch.isfinite(patches.corners.detach()).all()):
+        raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
     corners = wide(patches.corners)[0]
     upper, i, j = dense_exchange(corners, rtol)
     upper = upper.index_put((i, j), _exchange(corners, corners, i, j, rtol))

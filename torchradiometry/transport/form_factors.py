@@ -26,6 +26,7 @@ from torchradiometry.errors import (
     OutOfRangeError,
     ResourceLimitError,
     ShapeError,
+    require_floating,
 )
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, safe_norm, wide
@@ -137,6 +138,7 @@ def exchange_areas(
 
 def _check(patches: Patches, rtol: float, budget: int) -> None:
     corners = patches.corners
+    require_floating("patches", corners)
     if corners.ndim != 3 or corners.shape[1] not in (3, 4) or corners.shape[2] != 3:
         raise ShapeError(
             "patches", f"corners of shape {tuple(corners.shape)}", "pass triangles or quads"

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError, require_axes
+from torchradiometry.errors import InvalidValueError, ShapeError, require_axes
 from torchradiometry.geometry.patches import Patches, vector_area
 from torchradiometry.numerics import dot, guarded_divide, safe_normalize, wide
 from torchradiometry.transport.blockers import possible_blockers
@@ -48,6 +48,8 @@ LOW, HIGH = 7, 11
 SHARE = 1 / 32
 #: triangles are cut into four at most this often
 ROUNDS = 24
+#: triangles for each pair, and for all together, beyond which none is cut any more
+MOST = 2**10
 #: thinnest cell, in roundings of the largest coordinate
 ROUNDINGS = 2**8
 #: triangles that are integrated at a time
@@ -92,10 +94,12 @@ def occluded_exchange(
         rtol: aimed at; see `error` for what was reached.
 
     Returns:
-        K and its error, float64.
+        K and its error, float64. Time and memory are bounded: a pair takes about a thousand
+        triangles at most, where a hundred or two are common; `error` tells where they are too few.
 
     Raises:
         ShapeError: not polygons.
+        InvalidValueError: NaN or infinite corners.
 
     Differentiable in: all three.
     Export: no, the number of cells depends on the data.
@@ -113,6 +117,8 @@ def occluded_exchange(
     for name, corners in (("first", first), ("second", second), ("blockers", blockers)):
         if corners.ndim != 3 or corners.shape[1] < 3 or corners.shape[2] != 3:
             raise ShapeError(name, f"shape {tuple(corners.shape)}", "pass `... corner 3`")
+        if not bool(torch.isfinite(corners.detach()).all()):
+            raise InvalidValueError(name, "NaN or infinite corners", "pass finite corners")
     first, second, blockers = wide(first, second, blockers)
     middle = torch.cat((first, second), 1).detach().reshape(-1, 3).mean(0)
     middle = middle if len(first) else torch.zeros_like(middle)
@@ -233,13 +239,20 @@ def _integrated(
     part, owner = _fan(cells, owner)
     total = torch.zeros_like(pairs.normal[:, 0])
     error = torch.zeros_like(total).detach()
+    learns = torch.is_grad_enabled() and any(t.requires_grad for t in (*pairs, blockers))
+    left = MOST * (len(total) + 1)
     for number in range(ROUNDS + 1):
-        low, high = _both_rules(pairs, blockers, part, owner)
-        difference = (high - low).detach().abs()
-        now = total.detach().index_add(0, owner, high.detach())
+        with torch.no_grad():
+            low, high = _by_rules(pairs, blockers, part, owner, (LOW, HIGH))
+        difference = (high - low).abs()
+        now = total.detach().index_add(0, owner, high)
         good = difference <= SHARE * rtol * now[owner]
-        good = good | (number == ROUNDS)
-        total = total.index_add(0, owner[good], high[good])
+        left -= len(part)
+        good = good | (number == ROUNDS) | (4 * int((~good).sum()) > left)
+        kept = high[good]
+        if learns:  # only what counts holds a graph
+            (kept,) = _by_rules(pairs, blockers, part[good], owner[good], (HIGH,))
+        total = total.index_add(0, owner[good], kept)
         error = error.index_add(0, owner[good], difference[good])
         if bool(good.all()):
             break
@@ -264,13 +277,13 @@ def _quartered(part: Float[Tensor, "part 3 3"]) -> Float[Tensor, "four_parts 3 3
     return torch.stack([torch.stack(t, 1) for t in four], 1).flatten(0, 1)
 
 
-def _both_rules(
-    pairs: _Pairs, blockers: Tensor, part: Tensor, owner: Tensor
-) -> tuple[Float[Tensor, "part"], Float[Tensor, "part"]]:
-    """int E dA over triangles by the rules of low and high degree."""
-    values = []
+def _by_rules(
+    pairs: _Pairs, blockers: Tensor, part: Tensor, owner: Tensor, degrees: tuple[int, ...]
+) -> tuple[Float[Tensor, "part"], ...]:
+    """int E dA over triangles by the rule of each degree."""
+    values = [torch.zeros_like(part[:0, 0, 0]).expand(len(degrees), 0)]
     for triangles, own in zip(part.split(BLOCK), owner.split(BLOCK), strict=True):
-        rules = [patch_points(triangles, degree) for degree in (LOW, HIGH)]
+        rules = [patch_points(triangles, degree) for degree in degrees]
         position = torch.cat([rule.position for rule in rules], 1)
         count = position.shape[1]
         seen = visible_irradiance(
@@ -279,14 +292,7 @@ def _both_rules(
             pairs.emitter[own].repeat_interleave(count, 0),
             blockers,
         ).reshape(len(own), count)
-        area = Patches(triangles).area
-        split_at = rules[0].weight.shape[1]
-        means = (
-            (s * rule.weight).sum(-1)
-            for s, rule in zip((seen[:, :split_at], seen[:, split_at:]), rules, strict=True)
-        )
-        values.append(torch.stack([area * mean for mean in means]))
-    if not values:
-        return torch.zeros_like(part[:, 0, 0]), torch.zeros_like(part[:, 0, 0])
-    low, high = torch.cat(values, 1).unbind()
-    return low, high
+        area, sizes = Patches(triangles).area, [rule.weight.shape[1] for rule in rules]
+        means = zip(seen.split(sizes, 1), rules, strict=True)
+        values.append(torch.stack([area * (e * rule.weight).sum(-1) for e, rule in means]))
+    return torch.cat(values, 1).unbind()
