@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from torchradiometry.demo.curve import write_panels
 from torchradiometry.files import linear_to_srgb
 from torchradiometry.geometry import polygon_irradiance, solid_angle_polygon, spherical_direction
 from torchradiometry.materials import (
@@ -204,18 +205,17 @@ def interreflection(out: Path, fast: bool) -> dict[str, float]:
         "+ 2 bounces": RenderSettings(bounces=2, ambient_tail=False, **common),  # type: ignore[arg-type]
         "+ all": RenderSettings(bounces=24, **common),  # type: ignore[arg-type]
     }
-    figure = Figure(figsize=(9.6, 2.05), layout="constrained")
     shares, pictures = {}, {}
     for name, settings in ways.items():
         with torch.no_grad():
             pictures[name] = render_scene(scene, scene.cameras[0], settings)
     full = pictures["+ all"]
     exposure = 1 / float(full.radiance[~full.emitter].quantile(0.98))
-    for axes, (name, picture) in zip(figure.subplots(1, 5), pictures.items(), strict=True):
-        show(axes, picture.radiance.clamp(min=0), name, exposure)
+    for name, picture in pictures.items():
         keep = ~full.emitter
         shares[name] = float(picture.radiance[keep].sum() / full.radiance[keep].sum())
-    figure.savefig(out, dpi=110)
+    panels = [picture.radiance.numpy() for picture in pictures.values()]
+    write_panels(out, [panels], [*ways], exposure=exposure)
     return shares
 
 

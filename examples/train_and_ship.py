@@ -56,7 +56,7 @@ def main(fast: bool = False, out: Path = PICTURE) -> dict[str, float]:
             f"{training.steps} steps": estimate_normals(seen, model),
             "shipped": estimate_normals(seen),
         }
-    figure = Figure(figsize=(9.6, 2.4), layout="constrained")
+    figure = Figure(figsize=(9.6, 2.6), layout="constrained")
     curve, *maps = figure.subplots(1, 4, width_ratios=[1.6, 1, 1, 1])
     curve.plot(trained.degrees, lw=0.6)
     curve.set(xlabel="step", ylabel="error in training, degrees", ylim=(0, None))

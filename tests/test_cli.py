@@ -280,6 +280,8 @@ def test_bad_scenes_end_in_one_sentence(
         ("tradeoff", "ball", "--out", "none/x"),
         ("tradeoff", "cornell", "--out", "box.glb"),
         ("plan", "box.glb", "--width", "8", "--height", "8", "--out", "empty"),
+        ("plan", "box.glb", "--out", "plan.png"),
+        ("plan", "box.glb", "--out", "none/plan.json"),
         ("normals", "missing", "--out", "x.npy"),
         ("normals", "empty", "--out", "x.npy"),
         ("normals", "ball/001.png", "--out", "x.npy"),

@@ -5,6 +5,7 @@
 import { readFile } from "node:fs/promises";
 import { join } from "node:path";
 import { openBrowser, openPage } from "./browser.mjs";
+import * as keyboard from "./keyboard.mjs";
 
 const [url, folder] = process.argv.slice(2);
 const TIMEOUT = 120_000;
@@ -76,26 +77,52 @@ page.setDefaultTimeout(TIMEOUT);
 await page.evaluate(() => radiometry.ready);
 const report = { url, first: await observed(page), mask: null, status: await page.textContent("#status") };
 
+report.stops = await keyboard.walk(page);
+
 const canvas = page.locator("#relit-canvas");
 const box = await canvas.boundingBox();
 await lit(page, () => page.mouse.move(box.x + 0.7 * box.width, box.y + 0.3 * box.height));
 report.moved = await observed(page);
-await canvas.focus();
-await lit(page, () => page.keyboard.press("ArrowLeft"));
+await lit(page, () => keyboard.press(page, "relit-canvas", "ArrowLeft"));
 report.key = (await observed(page)).light;
 await lit(page, () => page.touchscreen.tap(box.x + 0.25 * box.width, box.y + 0.75 * box.height));
 report.touch = (await observed(page)).light;
 await lit(page, () => page.locator("#shininess").fill("1"));
 report.duller = await observed(page);
+await lit(page, () => keyboard.press(page, "relit-canvas", "Home"));
+report.home = (await observed(page)).light;
+for (const [id, ...keys] of [
+  ["albedo", "Home", "ArrowRight"], ["specular", "End"], ["shininess", "Home"], ["power", "End"], ["painted", "Space"],
+]) await lit(page, () => keyboard.press(page, id, ...keys));
+await keyboard.press(page, "brush", "ArrowDown");
+report.keys = await page.evaluate(() => {
+  const value = (id) => Number(document.getElementById(id).value);
+  const spoken = (id) => document.getElementById(id).getAttribute("aria-valuetext");
+  return {
+    sliders: ["albedo", "specular", "shininess", "power"].map(value),
+    spoken: ["albedo", "specular", "shininess", "power"].map(spoken),
+    painted: document.getElementById("painted").checked,
+    brush: document.querySelector("input[name=brush]:checked").value,
+  };
+});
+await lit(page, () => keyboard.press(page, "painted", "Space"));
+await keyboard.press(page, "brush", "ArrowUp");
+await keyboard.press(page, "summary", "Enter");
+report.keys.closed = await page.evaluate(() => !document.getElementById("mask-tools").open);
+await keyboard.press(page, "summary", "Enter");
 
 const photograph = page.locator("#photograph");
 const choose = (...names) => photograph.setInputFiles(names.map((name) => join(folder, name)));
 report.sentences = {};
 for (const name of ["words.png", "huge.png"]) report.sentences[name] = await sentence(page, () => choose(name));
 report.sentences.two = await sentence(page, () => choose("photo.png", "words.png"));
-report.photograph = await found(page, () => choose("photo.png", "mask.png"));
+report.photograph = await found(page, () => keyboard.choose(page, "photograph", ["photo.png", "mask.png"].map((name) => join(folder, name))));
 report.sentences.dropped = await sentence(page, () => drop(page, "words.png"));
-report.sample = await found(page, () => page.locator("#sample").click());
+report.sample = await found(page, () => keyboard.press(page, "sample", "Enter"));
+report.keys.focus = await page.evaluate(() => document.activeElement.id);
+const saved = page.waitForEvent("download");
+await keyboard.press(page, "save", "Enter");
+report.keys.saved = (await saved).suggestedFilename();
 report.dropped = await found(page, () => drop(page, "photo.png", "mask.png"));
 await found(page, () => page.locator("#sample").click());
 const strokes = await page.locator("#photograph-canvas").boundingBox();
@@ -105,7 +132,7 @@ report.brushed = await found(page, async () => {
   await page.mouse.move(strokes.x + 40, strokes.y + 12, { steps: 3 });
   await page.mouse.up();
 });
-report.set = await found(page, () => page.locator("#folder").setInputFiles(join(folder, "set")));
+report.set = await found(page, () => keyboard.choose(page, "folder", join(folder, "set")));
 report.sentences.folder = await sentence(page, () => page.locator("#folder").setInputFiles(join(folder, "broken")));
 report.complaints = complaints;
 console.log(JSON.stringify(report));

@@ -149,6 +149,27 @@ def test_pointer_keyboard_touch_and_sliders_change_the_picture(report: dict[str,
     assert report["duller"]["surface"]["shininess"] == 10
 
 
+def test_the_keyboard_alone_reaches_and_does_everything(report: dict[str, Any]) -> None:
+    stops = [stop["id"] for stop in report["stops"]]
+    files = ["photograph", "folder", "sample", "sample-set"]
+    mask = ["summary", "threshold", "brush", "brush-size", "mask-file", "undo-brush"]
+    relit = ["relit-canvas", "albedo", "specular", "shininess", "power", "painted"]
+    assert stops == [*files, *mask, "detail", "save", *relit]
+    for stop in report["stops"]:
+        assert stop["name"], f"{stop['id']} has no name"
+        assert stop["outlined"], f"the focus on {stop['id']} is not seen"
+        assert stop["inside"], f"{stop['id']} has the focus out of sight"
+    assert report["home"]["direction"] == pytest.approx(report["first"]["light"]["direction"])
+    keys = report["keys"]
+    assert keys["sliders"] == [0.01, 0.5, 0, 3]
+    assert keys["spoken"] == ["0.01", "0.50", "1.0", "3.00 π"]
+    assert not keys["painted"]
+    assert keys["brush"] == "-1"
+    assert keys["closed"]
+    assert keys["focus"] == "sample"  # the focus stays where Enter was pressed
+    assert keys["saved"] == "normals.png"
+
+
 def test_normals_of_one_photograph_are_those_of_the_package(
     report: dict[str, Any], inputs: Path
 ) -> None:

@@ -83,8 +83,12 @@ def test_a_training_leaves_a_complete_folder(tmp_path: Path, training: Training)
 
 
 @pytest.mark.usefixtures("no_export")
-def test_the_same_command_never_destroys_a_training(tmp_path: Path) -> None:
-    train_folder("shading", tmp_path, config=write_training(tmp_path / "t.toml", SHADING))
+def test_the_same_command_never_destroys_a_training(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = write_training(tmp_path / "t.toml", SHADING)
+    train_folder("shading", tmp_path, config=config, resume=True)
+    assert f"no checkpoint in {tmp_path}: the training begins anew" in capsys.readouterr().err
     before = (tmp_path / "checkpoint.pt").read_bytes()
     with pytest.raises(InputFileError, match="there already; pass --resume"):
         train_folder("shading", tmp_path)
@@ -92,6 +96,7 @@ def test_the_same_command_never_destroys_a_training(tmp_path: Path) -> None:
         train_folder("shading", tmp_path, resume=True, steps=9)
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
     again = train_folder("shading", tmp_path, resume=True)  # nothing is left to do
+    assert "begins anew" not in capsys.readouterr().err
     assert again["training"]["steps"] == SHADING.steps
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
 

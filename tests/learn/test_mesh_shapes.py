@@ -214,7 +214,7 @@ def test_faults_are_named(tmp_path: Path) -> None:
 def test_named_meshes_are_every_second_shape_of_a_training(tmp_path: Path) -> None:
     path = tmp_path / "ball.ply"
     trimesh.creation.icosphere(subdivisions=4).export(path)
-    own = ShadingTraining(steps=1, images=1, size=24, shapes=4, features=8)
+    own = ShadingTraining(steps=1, images=20, size=24, shapes=4, features=8)  # all four are shown
     named = replace(own, meshes=(str(path),))
     plain, mixed = own.samples().bank, named.samples().bank
     assert torch.equal(plain.height[::2], mixed.height[::2])

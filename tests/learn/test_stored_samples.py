@@ -9,7 +9,13 @@ import pytest
 import torch
 
 from torchradiometry.errors import FileFormatError, IndexRangeError, InputFileError
-from torchradiometry.learn.samples.data import SurfaceOptions
+from torchradiometry.learn.samples.data import (
+    PhotometricSamples,
+    ShadingSamples,
+    SurfaceOptions,
+    make_bank,
+    make_shapes,
+)
 from torchradiometry.learn.samples.stored_samples import StoredSamples, write_samples
 from torchradiometry.learn.training.loop import train
 from torchradiometry.learn.training.settings import PhotometricTraining, ShadingTraining, Training
@@ -48,6 +54,23 @@ def test_read_back_they_are_the_batches_that_training_makes(
         tuple(from_disk.network.state_dict().values()),
         tuple(on_the_fly.network.state_dict().values()),
     )
+
+
+@pytest.mark.parametrize("training", [PHOTOMETRIC, SHADING])
+def test_only_the_surfaces_that_batches_show_are_made(training: Training) -> None:
+    made: list[int] = []
+    if isinstance(training, ShadingTraining):
+        training = replace(training, steps=1, shapes=30)
+        every = ShadingSamples(make_shapes(30, 24, training.seed), 1, training.seed, 2)
+    else:
+        options = replace(training.surfaces, shapes=30)
+        training = replace(training, steps=1, surfaces=options)
+        bank = make_bank(options, training.seed)
+        every = PhotometricSamples(bank, options, 1, training.seed, 3, 5)
+    some = training.samples(lambda done, note: made.append(done))
+    assert made == list(range(1, training.surfaces_made() + 1))
+    assert 1 < len(made) <= 3
+    assert equal(some[0], every[0])
 
 
 def test_a_stopped_writer_goes_on_and_ends_with_the_same_bytes(tmp_path: Path) -> None:

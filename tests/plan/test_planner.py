@@ -263,8 +263,11 @@ def test_prices_are_kept_and_hostile_ones_refused(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(errors.FileFormatError, match="calibrate"):
             plan.Costs.load(path)
+    path.write_text(json.dumps({"prices": dict(list(COSTS.prices.items())[1:])}))
+    with pytest.raises(errors.FileFormatError, match=f"without '{next(iter(COSTS.prices))}'"):
+        plan.Costs.load(path)
     path.write_text(json.dumps({"prices": dict.fromkeys(COSTS.prices, math.nan)}))
-    with pytest.raises(errors.FileFormatError, match="calibrate"):
+    with pytest.raises(errors.FileFormatError, match=r"= nan.*calibrate"):
         plan.Costs.load(path)
 
 

@@ -170,10 +170,8 @@ def plan(
     if tolerance is None and seconds is None:
         tolerance = 0.03
     found = torchradiometry.plan.plan_file(
-        scene, width=width, height=height, tolerance=tolerance, seconds=seconds
+        scene, width=width, height=height, tolerance=tolerance, seconds=seconds, out=out
     )
-    if out is not None:
-        found.save(out)
     print_report(found.to_dict(), json, found.table())
 
 

@@ -25,7 +25,9 @@ __all__ = ["dataset", "evaluate", "train"]
 def train(
     kind: KindArgument,
     steps: Annotated[int | None, typer.Option(min=1, help="Optimiser steps.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where --out stands.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where --out stands, or begin.")
+    ] = False,
     config: Config = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder of the result [default: KIND-training].")

@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -71,7 +72,8 @@ def train_folder(
         steps: in place of the description's.
         seed: in place of the description's.
         bfloat16: round matrix products to bfloat16, whatever the description says.
-        resume: go on from the folder's checkpoint, or begin if there is none.
+        resume: go on from the folder's checkpoint, or begin if there is none, which standard
+            error says.
         data: a folder of `write_samples` to take the batches from.
         device: of the network, such as `cuda`.
         threads: of torch; more than one may change the last bits.
@@ -221,6 +223,8 @@ def _prepare(out: Path, training: Training, resume: bool) -> None:
     out.mkdir(exist_ok=True)
     clear_half_files(out)
     if not (out / CHECKPOINT).exists():
+        if resume:
+            print(f"no checkpoint in {out}: the training begins anew", file=sys.stderr)
         write_training(out / SETTINGS, training)
 
 

@@ -119,13 +119,17 @@ class Costs:
         Raises:
             InputFileError, FileFormatError: no such file, or not of this kind.
         """
+        remedy = "calibrate again: torchradiometry plan SCENE --calibrate"
         try:
-            found = read_json(path, "prices")["prices"]
-            prices = {name: float(found[name]) for name in DEFAULT}
+            found = dict(read_json(path, "prices")["prices"])
+            prices = {name: float(found[name]) for name in DEFAULT if name in found}
         except (ValueError, KeyError, TypeError, OverflowError) as error:
-            raise FileFormatError(str(path), "no prices", "calibrate again") from error
-        if not all(0 <= price < math.inf for price in prices.values()):
-            raise FileFormatError(str(path), "prices that are no numbers", "calibrate again")
+            raise FileFormatError(str(path), "no prices", remedy) from error
+        if lacking := [name for name in DEFAULT if name not in prices]:
+            got = f"prices of another version, without {', '.join(map(repr, lacking))}"
+            raise FileFormatError(str(path), got, remedy)
+        if wrong := [name for name, price in prices.items() if not 0 <= price < math.inf]:
+            raise FileFormatError(str(path), f"{wrong[0]!r} = {prices[wrong[0]]}", remedy)
         return cls(prices, True)
 
 

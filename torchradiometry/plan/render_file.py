@@ -56,6 +56,7 @@ def plan_file(
     height: int = 256,
     tolerance: float | None = None,
     seconds: float | None = None,
+    out: str | Path | None = None,
 ) -> Plan:
     """The plan of a scene file's picture; arguments and errors as of `render_file`.
 
@@ -64,11 +65,17 @@ def plan_file(
         width, height: pixels.
         tolerance: relative L1 error of the picture; or
         seconds: time it may take.
+        out: a `.json` file to keep the plan in.
     """
+    if out is not None:
+        _check_out(Path(out), (".json",))
     _check_size(width, height)
     planner = Planner(tolerance, seconds=seconds)
     made, _ = open_scene(scene, width, height)
-    return planner.plan(made, made.cameras[0])
+    found = planner.plan(made, made.cameras[0])
+    if out is not None:
+        found.save(out)
+    return found
 
 
 def render_file(
@@ -104,7 +111,7 @@ def render_file(
         RadiometryError: the first grave fault of an invalid scene.
     """
     begin = time.perf_counter()
-    _check_out(Path(out))
+    _check_out(Path(out), PICTURE_ENDINGS)
     _check_size(width, height)
     planner = Planner(tolerance)
     made, warnings = open_scene(scene, width, height)
@@ -129,10 +136,10 @@ def render_file(
     }
 
 
-def _check_out(out: Path) -> None:
+def _check_out(out: Path, endings: tuple[str, ...]) -> None:
     """Find out what would fail at the end before anything is computed."""
-    if out.suffix.lower() not in PICTURE_ENDINGS:
-        raise FileFormatError(str(out), f"the ending {out.suffix!r}", f"use {PICTURE_ENDINGS}")
+    if out.suffix.lower() not in endings:
+        raise FileFormatError(str(out), f"the ending {out.suffix!r}", f"use {', '.join(endings)}")
     if not out.parent.is_dir():
         raise InputFileError(str(out), "a folder that does not exist", f"create {out.parent}")
 

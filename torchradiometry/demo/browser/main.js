@@ -131,7 +131,7 @@
     at("found").textContent = `From ${from}: ${result.pixels.length.toLocaleString("en")} pixels, ${result.width} x ${result.height}.`;
     setSurface();
     await light();
-    if (going()) say("Ready: move the pointer, or a finger, over the last picture.");
+    if (going()) say("Ready: move the pointer, a finger or the arrow keys over the last picture.");
   }
 
   // ---- relighting --------------------------------------------------------------------------
@@ -185,11 +185,17 @@
 
   const gloss = () => 10 ** Number(at("shininess").value);
 
+  /** What a slider stands for, beside it and for a screen reader. */
+  function tell(id, text) {
+    at(`${id}-value`).textContent = text;
+    at(id).setAttribute("aria-valuetext", text);
+  }
+
   function setSurface() {
-    at("albedo-value").textContent = Number(at("albedo").value).toFixed(2);
-    at("specular-value").textContent = Number(at("specular").value).toFixed(2);
-    at("shininess-value").textContent = gloss().toFixed(gloss() < 10 ? 1 : 0);
-    at("power-value").textContent = `${Number(at("power").value).toFixed(2)} π`;
+    tell("albedo", Number(at("albedo").value).toFixed(2));
+    tell("specular", Number(at("specular").value).toFixed(2));
+    tell("shininess", gloss().toFixed(gloss() < 10 ? 1 : 0));
+    tell("power", `${Number(at("power").value).toFixed(2)} π`);
     relighting?.setSurface({
       albedo: Number(at("albedo").value),
       specular: Number(at("specular").value),
@@ -269,8 +275,8 @@
     });
   }
   function showTools() {
-    at("threshold-value").textContent = `by ${at("threshold").value} %`;
-    at("brush-size-value").textContent = `${at("brush-size").value} %`;
+    tell("threshold", `by ${at("threshold").value} %`);
+    tell("brush-size", `${at("brush-size").value} %`);
   }
   at("brush-size").addEventListener("input", showTools);
   at("threshold").addEventListener("input", () => {

@@ -2,7 +2,8 @@
 
 `PhotometricSamples` keeps a bank of surfaces with their shadows and bounces and gives each
 training batch new materials, lights, turns and noise. `ShadingSamples` does the same for whole
-small images. Both are `torch.utils.data.Dataset`s whose items are ready
+small images. A bank may hold only the surfaces that the batches show (`surfaces_shown`). Both are
+`torch.utils.data.Dataset`s whose items are ready
 batches (use `DataLoader(samples, batch_size=None, num_workers=...)`).
 """
 
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from torch import Tensor
 from torch.utils.data import Dataset
 
 from torchradiometry.errors import IndexRangeError, OutOfRangeError
@@ -31,6 +33,7 @@ __all__ = [
     "generator_for",
     "make_bank",
     "make_shapes",
+    "surfaces_shown",
 ]
 
 #: called as advance(done, note): how much of a long step is done
@@ -74,10 +77,31 @@ def generator_for(*numbers: int) -> torch.Generator:
     return torch.Generator().manual_seed(state % 2**63)
 
 
-def make_bank(options: SurfaceOptions, seed: int, advance: Advance | None = None) -> SurfaceBank:
-    """The surfaces of a seed; shape k does not depend on how many there are."""
+def surfaces_shown(stream: int, seed: int, batches: int, surfaces: int, each: int) -> list[int]:
+    """Numbers of the surfaces that a training's batches show: those that a bank needs."""
+    drawn = (
+        torch.randint(surfaces, (each,), generator=generator_for(seed, stream, k))
+        for k in range(batches)
+    )
+    return torch.cat(list(drawn)).unique().tolist()
+
+
+def make_bank(
+    options: SurfaceOptions,
+    seed: int,
+    advance: Advance | None = None,
+    only: Sequence[int] | None = None,
+) -> SurfaceBank:
+    """The surfaces of a seed; shape k does not depend on how many there are.
+
+    Args:
+        options: how many, and what light reaches them.
+        seed: of the surfaces.
+        advance: called after each.
+        only: numbers of those to make; by default all.
+    """
     parts = []
-    for k in range(options.shapes):
+    for done, k in enumerate(range(options.shapes) if only is None else only, 1):
         made = make_surfaces(
             1,
             options.pixels,
@@ -88,7 +112,7 @@ def make_bank(options: SurfaceOptions, seed: int, advance: Advance | None = None
         )
         parts.append(made)
         if advance is not None:
-            advance(k + 1, "surfaces")
+            advance(done, "surfaces")
     return SurfaceBank(*(torch.cat(each) for each in zip(*parts, strict=True)))
 
 
@@ -103,7 +127,10 @@ class PhotometricSamples(Dataset[Observations]):
         shapes: shapes in a batch.
         pixels: pixels of each.
         fewest: the smallest number of lights; each batch draws one between this and all.
+        only: which of the surfaces the bank holds; by default all.
     """
+
+    STREAM = 2
 
     def __init__(
         self,
@@ -114,17 +141,19 @@ class PhotometricSamples(Dataset[Observations]):
         shapes: int = 16,
         pixels: int = 32,
         fewest: int = 8,
+        only: Sequence[int] | None = None,
     ) -> None:
         self.bank, self.options, self.batches, self.seed = bank, options, batches, seed
         self.shapes, self.pixels, self.fewest = shapes, pixels, fewest
+        self.rows = _rows(len(bank.normal), options.shapes, only)
 
     def __len__(self) -> int:
         return self.batches
 
     def __getitem__(self, index: int) -> Observations:
         _check_index(index, self.batches)
-        generator = generator_for(self.seed, 2, index)
-        which = torch.randint(len(self.bank.normal), (self.shapes, 1), generator=generator)
+        generator = generator_for(self.seed, self.STREAM, index)
+        which = self.rows[torch.randint(len(self.rows), (self.shapes, 1), generator=generator)]
         available = self.bank.normal.shape[1]
         pixel = torch.randint(available, (self.shapes, self.pixels), generator=generator)
         part = SurfaceBank(
@@ -152,6 +181,7 @@ def make_shapes(
     seed: int,
     advance: Advance | None = None,
     meshes: Sequence[str | Path] = (),
+    only: Sequence[int] | None = None,
 ) -> ShapeBank:
     """The shapes of a seed with their lamps; shape k does not depend on how many there are.
 
@@ -161,9 +191,10 @@ def make_shapes(
         seed: of the shapes.
         advance: called after each.
         meshes: files; where there are any, every second shape is one of them.
+        only: numbers of those to make; by default all.
     """
     parts = []
-    for k in range(shapes):
+    for done, k in enumerate(range(shapes) if only is None else only, 1):
         generator = generator_for(seed, 4, k)
         if meshes and k % 2:
             made = mesh_shapes(meshes, 1, size, generator)
@@ -171,7 +202,7 @@ def make_shapes(
             made = random_shapes(1, size, generator, OBJECTS)
         parts.append(light_shapes(made, generator))
         if advance is not None:
-            advance(k + 1, "shapes")
+            advance(done, "shapes")
     return ShapeBank(*(torch.cat(each) for each in zip(*parts, strict=True)))
 
 
@@ -187,7 +218,11 @@ class ShadingSamples(Dataset[SingleImages]):
         indirect: light that surfaces send each other.
         outline: white objects: nothing but their masks, the control that tells whether shading
             is used.
+        shapes: how many shapes there are; by default those of the bank.
+        only: which of them the bank holds; by default all.
     """
+
+    STREAM = 3
 
     def __init__(
         self,
@@ -198,22 +233,34 @@ class ShadingSamples(Dataset[SingleImages]):
         shadows: bool = True,
         indirect: bool = True,
         outline: bool = False,
+        shapes: int | None = None,
+        only: Sequence[int] | None = None,
     ) -> None:
         self.bank, self.batches, self.seed, self.images = bank, batches, seed, images
         self.shadows, self.indirect, self.outline = shadows, indirect, outline
+        self.rows = _rows(len(bank.mask), len(bank.mask) if shapes is None else shapes, only)
 
     def __len__(self) -> int:
         return self.batches
 
     def __getitem__(self, index: int) -> SingleImages:
         _check_index(index, self.batches)
-        generator = generator_for(self.seed, 3, index)
-        which = torch.randint(len(self.bank.mask), (self.images,), generator=generator)
+        generator = generator_for(self.seed, self.STREAM, index)
+        which = self.rows[torch.randint(len(self.rows), (self.images,), generator=generator)]
         part = ShapeBank(*(each[which] for each in self.bank))
         made = photograph(part, generator, self.shadows, self.indirect)
         if self.outline:
             made = made._replace(image=made.mask.repeat(1, 3, 1, 1))
         return made
+
+
+def _rows(held: int, surfaces: int, only: Sequence[int] | None) -> Tensor:
+    """Where in the bank each surface stands; outside of it where it does not."""
+    if only is None:
+        return torch.arange(held)
+    rows = torch.full((surfaces,), held)
+    rows[list(only)] = torch.arange(held)
+    return rows
 
 
 def _check_index(index: int, batches: int) -> None:

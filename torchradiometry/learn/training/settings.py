@@ -21,6 +21,7 @@ from torchradiometry.learn.samples.data import (
     SurfaceOptions,
     make_bank,
     make_shapes,
+    surfaces_shown,
 )
 
 __all__ = ["KINDS", "PhotometricTraining", "ShadingTraining", "Training", "kind_of"]
@@ -66,14 +67,18 @@ class PhotometricTraining:
 
     def samples(self, advance: Advance | None = None) -> PhotometricSamples:
         """The batches of this seed; making the bank is the long part."""
-        bank = make_bank(self.surfaces, self.seed, advance)
-        return PhotometricSamples(
-            bank, self.surfaces, self.steps, self.seed, self.batch_shapes, self.batch_pixels
-        )
+        shown = self._shown()
+        bank = make_bank(self.surfaces, self.seed, advance, shown)
+        given = (self.steps, self.seed, self.batch_shapes, self.batch_pixels)
+        return PhotometricSamples(bank, self.surfaces, *given, only=shown)
 
     def surfaces_made(self) -> int:
-        """How many surfaces `samples` makes before the first batch."""
-        return self.surfaces.shapes
+        """How many surfaces `samples` makes before the first batch: those that batches show."""
+        return len(self._shown())
+
+    def _shown(self) -> list[int]:
+        stream, many = PhotometricSamples.STREAM, self.surfaces.shapes
+        return surfaces_shown(stream, self.seed, self.steps, many, self.batch_shapes)
 
 
 @dataclass(frozen=True)
@@ -120,13 +125,19 @@ class ShadingTraining:
 
     def samples(self, advance: Advance | None = None) -> ShadingSamples:
         """The batches of this seed; making the shapes is the long part."""
-        bank = make_shapes(self.shapes, self.size, self.seed, advance, self.meshes)
+        shown = self._shown()
+        bank = make_shapes(self.shapes, self.size, self.seed, advance, self.meshes, shown)
         effects = (self.shadows, self.indirect, self.outline)
-        return ShadingSamples(bank, self.steps, self.seed, self.images, *effects)
+        given = (self.steps, self.seed, self.images, *effects)
+        return ShadingSamples(bank, *given, shapes=self.shapes, only=shown)
 
     def surfaces_made(self) -> int:
-        """How many surfaces `samples` makes before the first batch."""
-        return self.shapes
+        """How many surfaces `samples` makes before the first batch: those that batches show."""
+        return len(self._shown())
+
+    def _shown(self) -> list[int]:
+        stream = ShadingSamples.STREAM
+        return surfaces_shown(stream, self.seed, self.steps, self.shapes, self.images)
 
 
 Training: TypeAlias = PhotometricTraining | ShadingTraining
