@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -39,15 +40,22 @@ def maps() -> tuple[list[str], Tensor]:
     return list(found), torch.cat(list(found.values()))
 
 
+@cache
+def truth(albedo: float) -> Tensor:
+    """Of the maps above, with one cell a pixel."""
+    _, depth = maps()
+    best = DepthSettings(cells=SIZE, azimuths=16, bounces=8, ambient_tail=True)
+    rho = torch.full_like(depth, albedo)
+    return ShadeDepth(best, [SUN, SKY], pixel_size=PIXEL)(depth, rho)
+
+
 @pytest.mark.parametrize("albedo", [0.2, 0.8])
 @pytest.mark.parametrize("tolerance", [0.1, 0.03, 0.01])
 def test_the_error_is_within_the_tolerance_or_the_plan_says_so(
     tolerance: float, albedo: float
 ) -> None:
     names, depth = maps()
-    rho = torch.full_like(depth, albedo)
-    best = DepthSettings(cells=SIZE, azimuths=16, bounces=8, ambient_tail=True)
-    true = ShadeDepth(best, [SUN, SKY], pixel_size=PIXEL)(depth, rho)
+    rho, true = torch.full_like(depth, albedo), truth(albedo)
     plan = DepthPlanner(tolerance).plan(depth, rho, [SUN, SKY], pixel_size=PIXEL)
     found = plan.build([SUN, SKY], pixel_size=PIXEL)(depth, rho)
     errors = (found - true).abs().sum((1, 2, 3)) / true.sum((1, 2, 3))
@@ -110,13 +118,14 @@ def test_groups_of_images_come_back_in_order_with_gradients() -> None:
     depth = depth[[0, -2, 3, -1]].requires_grad_()
     rho = torch.full_like(depth, 0.7)
     matrix = torch.tensor([[96.0, 0, 24], [0, 96, 24], [0, 0, 1]])
-    plan = DepthPlanner(0.02).plan(depth, rho, SUN, matrix)
+    plan = DepthPlanner(0.05).plan(depth, rho, SUN, matrix)
     layer = plan.build(SUN)
     assert len(layer.groups) > 1
     found = layer(depth, rho, matrix.expand(4, 3, 3))
-    for k, one in enumerate(plan.settings):
-        alone = ShadeDepth(one, SUN)(depth[k : k + 1], rho[k : k + 1], matrix)
-        assert_close(found[k : k + 1].detach(), alone.detach())
+    with torch.no_grad():
+        for k, one in enumerate(plan.settings):
+            alone = ShadeDepth(one, SUN)(depth[k : k + 1], rho[k : k + 1], matrix)
+            assert_close(found[k : k + 1], alone)
     found.sum().backward()
     assert torch.isfinite(depth.grad).all()
 

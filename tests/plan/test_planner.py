@@ -35,8 +35,9 @@ def test_the_measured_error_is_at_most_the_predicted_one(name: str) -> None:
     made = STANDARD_SCENES[name](*SMALL)
     plans = [planned(made, t) for t in (0.2, 0.05)]
     size = plans[-1].settings.patch_size
+    bounces = 0 if name == "ball" else 64  # a convex body sends itself nothing
     finest = render.RenderSettings(
-        bounces=64, patch_size=size and size / 2, shadow_samples=8, supersampling=8, seed=7
+        bounces=bounces, patch_size=size and size / 2, shadow_samples=8, supersampling=8, seed=7
     )
     reference = render.render_scene(made, made.cameras[0], finest)
     for each in plans:
