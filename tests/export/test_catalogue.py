@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from torchradiometry.errors import OutOfRangeError
-from torchradiometry.export import check_onnx, export_catalogue, export_layer
+from torchradiometry.errors import FileFormatError, OutOfRangeError
+from torchradiometry.export import check_onnx, export_catalogue, export_file, export_layer
 from torchradiometry.export.catalogue import LAYERS
 from torchradiometry.export.onnx_file import call_named
 from torchradiometry.export.vocabulary import random_inputs
@@ -50,3 +50,9 @@ def test_an_unknown_name_is_named_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(OutOfRangeError, match="lambertian"):
         export_layer("lambert", tmp_path / "x.onnx")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_of_another_ending_is_refused_and_nothing_is_made(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match=r"'\.png'"):
+        export_file("lambertian", tmp_path / "layer.png")
+    assert list(tmp_path.iterdir()) == []

@@ -46,7 +46,7 @@ def train_and_export(folder: Path, fast: bool) -> TrainedModel:
     pictures = _training_pictures(folder)
     with (
         progress_bar(
-            ("Shading training surfaces", training.surfaces.shapes),
+            ("Shading training surfaces", training.surfaces_made()),
             ("Training the network", training.steps),
         ) as (surfaces, steps),
         torch_threads(1),

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import NotConvergedError, OutOfRangeError
+from torchradiometry.errors import FileFormatError, NotConvergedError, OutOfRangeError
 from torchradiometry.export.onnx_file import export_onnx
 from torchradiometry.export.parity import check_onnx
 from torchradiometry.export.sources_as_inputs import SourcesAsInputs
@@ -226,9 +226,13 @@ def export_file(name: str, path: str | Path) -> dict[str, object]:
 
     Raises:
         OutOfRangeError: no such name.
+        FileFormatError: another ending than `.onnx`.
         InputFileError: the folder of `path` does not exist.
         NotConvergedError: onnxruntime computes something else.
     """
+    ending = Path(path).suffix
+    if ending.lower() != ".onnx":
+        raise FileFormatError(str(path), f"the ending {ending!r}", "name a .onnx file")
     with atomic_path(path) as temporary:
         export_layer(name, temporary)
         check = check_onnx(temporary, LAYERS[name]().module)
