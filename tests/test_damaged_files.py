@@ -24,7 +24,7 @@ from torchradiometry.cli import main
 from torchradiometry.demo import relighting_page
 from torchradiometry.demo.relighting_page import GLUE, RUNTIME_VERSION, SCRIPT, WASM
 from torchradiometry.deploy import find_model, open_model, read_photograph, read_photographs
-from torchradiometry.errors import RadiometryError
+from torchradiometry.errors import RadiometryError, ResourceLimitError
 from torchradiometry.files import read_counts, read_picture, write_picture
 from torchradiometry.learn import (
     ShadingTraining,
@@ -207,7 +207,8 @@ import json, resource, struct, sys, zipfile
 from pathlib import Path
 import numpy as np
 from torchradiometry.errors import RadiometryError
-from torchradiometry.files import read_arrays, read_picture
+from torchradiometry.archives import read_arrays
+from torchradiometry.files import read_picture
 from torchradiometry.scene.load import load_scene
 folder = Path(sys.argv[1])
 files = {
@@ -332,3 +333,14 @@ def test_an_interrupt_at_the_last_moment_leaves_no_half_file(
     assert end.value.code == 130
     left = [path for path in out.rglob("*") if path.is_file()]
     assert left == []
+
+
+@pytest.mark.parametrize("name", ["training.toml", "lights.txt"])
+def test_texts_of_any_size_are_not_read(name: str, tmp_path: Path) -> None:
+    """Their readers take a time that grows with the square of what they are given."""
+    write, read = READERS[name]
+    path = write(tmp_path / name)
+    with path.open("ab") as file:
+        file.truncate(2**24 + 1)
+    with pytest.raises(ResourceLimitError, match="bytes"):
+        read(path)
