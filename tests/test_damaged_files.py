@@ -21,8 +21,10 @@ import torch
 from tests.demo.test_run import write_sphere_set
 from tests.learn.test_benchmarks import write_object
 from torchradiometry.cli import main
+from torchradiometry.demo import relighting_page
+from torchradiometry.demo.relighting_page import GLUE, RUNTIME_VERSION, SCRIPT, WASM
 from torchradiometry.deploy import find_model, open_model, read_photograph, read_photographs
-from torchradiometry.errors import RadiometryError
+from torchradiometry.errors import RadiometryError, ResourceLimitError
 from torchradiometry.files import read_counts, read_picture, write_picture
 from torchradiometry.learn import (
     ShadingTraining,
@@ -205,7 +207,8 @@ import json, resource, struct, sys, zipfile
 from pathlib import Path
 import numpy as np
 from torchradiometry.errors import RadiometryError
-from torchradiometry.files import read_arrays, read_picture
+from torchradiometry.archives import read_arrays
+from torchradiometry.files import read_picture
 from torchradiometry.scene.load import load_scene
 folder = Path(sys.argv[1])
 files = {
@@ -269,8 +272,27 @@ WRITERS = {
     "dataset": ["shading", "--config", "SETTINGS", "--count", "1"],
     "calibrate": ["BALL/001.png"],
     "tradeoff": ["ball", "--width", "8", "--height", "6", "--repeats", "1"],
+    "evaluate": ["shading", "OBJECT"],
+    "page": ["--runtime", "LIBRARY"],
+    "demo": ["--fast"],
 }
-ENDINGS = {"render": "a.npy", "plan": "a.json", "normals": "a.npy", "export": "a.onnx"}
+ENDINGS = {
+    "render": "a.npy",
+    "plan": "a.json",
+    "normals": "a.npy",
+    "export": "a.onnx",
+    "evaluate": "a.csv",
+}
+
+
+def runtime_library(folder: Path) -> None:
+    """What stands for onnxruntime-web: its files by name, of no content."""
+    package = folder / "onnxruntime-web"
+    (package / "dist").mkdir(parents=True)
+    described = {"name": "onnxruntime-web", "version": RUNTIME_VERSION, "license": "MIT"}
+    (package / "package.json").write_text(json.dumps(described))
+    for name in (SCRIPT, GLUE, WASM):
+        (package / "dist" / name).write_bytes(b"nothing")
 
 
 @pytest.mark.parametrize("command", WRITERS)
@@ -280,22 +302,30 @@ def test_an_interrupt_at_the_last_moment_leaves_no_half_file(
     """Ctrl-C comes where the finished temporary file would get its name."""
     save_scene(cornell_like_room(), tmp_path / "a.glb")
     write_sphere_set(tmp_path / "ball")
+    write_object(tmp_path / "object")
+    runtime_library(tmp_path / "library")
     write_training(tmp_path / "mine.toml", SMALL)
     names = {
         "SCENE": "a.glb",
         "SETTINGS": "mine.toml",
         "BALL": "ball",
         "BALL/001.png": "ball/001.png",
+        "OBJECT": "object",
+        "LIBRARY": "library",
     }
     given = [str(tmp_path / names[each]) if each in names else each for each in WRITERS[command]]
     out = tmp_path / "out"
     out.mkdir()
     target = out / ENDINGS.get(command, "a.npy" if command == "calibrate" else "a")
-    asked = ["--out", str(target)]
+    asked = ["--table" if command == "evaluate" else "--out", str(target)]
+    replace = Path.replace
 
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
+    def interrupted(path: Path, name: str | Path) -> Path:
+        if out in Path(name).parents:
+            raise KeyboardInterrupt
+        return replace(path, name)
 
+    monkeypatch.setattr(relighting_page, "_exported_layer", bytes)  # dear, not in `out`
     monkeypatch.setattr(Path, "replace", interrupted)
     monkeypatch.setattr(sys, "argv", ["torchradiometry", command, *given, *asked])
     with pytest.raises(SystemExit) as end:
@@ -303,3 +333,14 @@ def test_an_interrupt_at_the_last_moment_leaves_no_half_file(
     assert end.value.code == 130
     left = [path for path in out.rglob("*") if path.is_file()]
     assert left == []
+
+
+@pytest.mark.parametrize("name", ["training.toml", "lights.txt"])
+def test_texts_of_any_size_are_not_read(name: str, tmp_path: Path) -> None:
+    """Their readers take a time that grows with the square of what they are given."""
+    write, read = READERS[name]
+    path = write(tmp_path / name)
+    with path.open("ab") as file:
+        file.truncate(2**24 + 1)
+    with pytest.raises(ResourceLimitError, match="bytes"):
+        read(path)

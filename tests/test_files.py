@@ -111,7 +111,7 @@ def png_that_claims(width: int, height: int) -> bytes:
 
 def test_a_picture_that_claims_to_be_huge_is_refused_before_decoding(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(png_that_claims(60_000, 60_000))
-    with pytest.raises(errors.FileFormatError, match=r"a\.png"):
+    with pytest.raises(errors.ResourceLimitError, match="pixels"):
         files.read_picture(tmp_path / "a.png")
     np.lib.format.open_memmap(tmp_path / "a.npy", "w+", np.uint8, (2**27 + 1,)).flush()
     with pytest.raises(errors.ResourceLimitError, match="pixels"):
@@ -127,3 +127,26 @@ def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -
     (tmp_path / name).write_bytes(b"half")  # as if it had been killed inside the block
     files.clear_half_files(tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*kept, "model.onnx"])
+
+
+@pytest.mark.parametrize("kind", ["U5", "S3", "c8", "V8", "M8[s]", "f4,i4"])
+def test_an_array_of_no_real_numbers_is_named(tmp_path: Path, kind: str) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((2, 3), np.dtype(kind)))
+    with pytest.raises(errors.FileFormatError, match="an array of"):
+        files.read_picture(tmp_path / "a.npy")
+
+
+def test_all_channels_of_an_exr_file_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a picture does not need is decoded too: other channels, other parts."""
+    openexr = pytest.importorskip("OpenEXR")
+    header = {"type": openexr.scanlineimage}
+    grey = np.zeros((8, 8), np.float32)
+    small, wide = {"RGB": np.zeros((8, 8, 3), np.float32)}, {f"c{k}": grey for k in range(20)}
+    parts = [openexr.Part(dict(header), small, "a"), openexr.Part(dict(header), wide, "b")]
+    openexr.File(header, small | wide).write(str(tmp_path / "channels.exr"))
+    openexr.File(parts).write(str(tmp_path / "parts.exr"))
+    assert files.read_picture(tmp_path / "channels.exr").shape == (8, 8, 3)
+    monkeypatch.setattr(files, "MAX_PIXELS", 5 * 64)
+    for name in ("channels.exr", "parts.exr"):
+        with pytest.raises(errors.ResourceLimitError, match="pixels"):
+            files.read_picture(tmp_path / name)

@@ -16,11 +16,11 @@ decoded. Arrays in memory are linear radiance; only `.png` is tone-mapped.
 from __future__ import annotations
 
 import json
+import math
 import os
 import struct
 import tempfile
-import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,8 @@ from torchradiometry.errors import (
 __all__ = [
     "MAX_BYTES",
     "MAX_PIXELS",
+    "MAX_SETTINGS",
+    "MAX_TEXT",
     "PICTURE_ENDINGS",
     "atomic_path",
     "check_folder_place",
@@ -48,7 +50,6 @@ __all__ = [
     "decode_picture",
     "linear_to_srgb",
     "opencv",
-    "read_arrays",
     "read_counts",
     "read_json",
     "read_picture",
@@ -59,6 +60,8 @@ __all__ = [
 
 MAX_BYTES = 2**30
 MAX_PIXELS = 2**27
+#: tables and settings, which are text
+MAX_TEXT, MAX_SETTINGS = 2**24, 2**16
 #: as Python objects JSON grows about twentyfold
 MAX_JSON = 2**26
 PICTURE_ENDINGS = (".npy", ".exr", ".hdr", ".png")
@@ -110,16 +113,17 @@ def _umask() -> int:
     return current
 
 
-def check_readable(path: str | Path, what: str) -> Path:
-    """The path, if it is a file of bounded size; otherwise a named error."""
+def check_readable(path: str | Path, what: str, most: int = MAX_BYTES) -> Path:
+    """The path, if it is a file of at most `most` bytes; otherwise a named error."""
     path = Path(path)
     if path.is_dir():
         raise InputFileError(str(path), "a folder", f"name the {what} itself")
     if not path.is_file():
         raise InputFileError(str(path), "no such file", f"name an existing {what}")
-    if path.stat().st_size > MAX_BYTES:
+    size = path.stat().st_size
+    if size > most:
         raise ResourceLimitError(
-            str(path), f"{path.stat().st_size} bytes", f"pass a {what} of at most {MAX_BYTES} bytes"
+            str(path), f"{size} bytes", f"pass a {what} of at most {most} bytes"
         )
     return path
 
@@ -128,41 +132,15 @@ def read_json(path: str | Path, what: str) -> Any:
     """What a JSON file of bounded size holds.
 
     Raises:
-        InputFileError, ResourceLimitError: as `check_readable`; more than `MAX_JSON` bytes.
+        InputFileError, ResourceLimitError: as `check_readable`, of at most `MAX_JSON` bytes.
         FileFormatError: no JSON, or nested too deep.
     """
-    path = check_readable(path, what)
-    if path.stat().st_size > MAX_JSON:
-        got = f"{path.stat().st_size} bytes"
-        raise ResourceLimitError(str(path), got, f"pass a {what} of at most {MAX_JSON} bytes")
+    path = check_readable(path, what, MAX_JSON)
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         got = f"no {what}: no JSON ({type(error).__name__})"
         raise FileFormatError(str(path), got, "write it again") from error
-
-
-def read_arrays(path: str | Path, what: str, names: Sequence[str]) -> list[NDArray[Any]]:
-    """Arrays of an `.npz` file by name, of at most `MAX_BYTES` together when unpacked.
-
-    Raises:
-        InputFileError, ResourceLimitError: as `check_readable`; too much to unpack.
-        FileFormatError: no such archive, or an array is not in it.
-    """
-    path = check_readable(path, what)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-        if unpacked > MAX_BYTES:
-            got = f"{unpacked} bytes when unpacked"
-            raise ResourceLimitError(str(path), got, f"pass a {what} of at most {MAX_BYTES} bytes")
-        with np.load(path, allow_pickle=False) as arrays:
-            return [np.asarray(arrays[name]) for name in names]
-    except ResourceLimitError:
-        raise
-    except Exception as error:
-        got = f"no {what} with {', '.join(names)} ({type(error).__name__})"
-        raise FileFormatError(str(path), got, "save these arrays under their names") from error
 
 
 def srgb_to_linear(encoded: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -249,6 +227,8 @@ def read_counts(path: str | Path) -> NDArray:
     try:
         if path.suffix.lower() == ".exr":
             return _read_exr(path)
+        with path.open("rb") as file:  # OpenCV's own bound holds only where it was loaded here
+            _check_pixels(path, math.prod(_stored_size(file.read(2**20)) or ()))
         pixels = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
     except (MissingDependencyError, ResourceLimitError):
         raise
@@ -277,6 +257,8 @@ def _read_npy(path: Path) -> NDArray[np.float32]:
             str(path), f"no array ({reason})", "pass a NumPy .npy file"
         ) from error
     _check_pixels(path, array.size)
+    if array.dtype.kind not in "biuf":
+        raise FileFormatError(str(path), f"an array of {array.dtype}"[:200], "save real numbers")
     return array.astype(np.float32)
 
 
@@ -289,8 +271,12 @@ def _check_pixels(path: str | Path, pixels: int) -> None:
 
 def _read_exr(path: Path) -> NDArray[np.float32]:
     openexr = _openexr()
-    low, high = openexr.File(str(path), header_only=True).header()["dataWindow"]
-    _check_pixels(path, int(np.prod(np.asarray(high) - np.asarray(low) + 1)))
+    pixels = 0  # of all parts and channels, which are all decoded
+    for part in openexr.File(str(path), header_only=True).parts:
+        low, high = (np.asarray(corner).tolist() for corner in part.header["dataWindow"])
+        size = math.prod(b - a + 1 for a, b in zip(low, high, strict=True))
+        pixels += size * -(-len(part.header["channels"]) // 4)
+    _check_pixels(path, pixels)
     channels = openexr.File(str(path), separate_channels=False).channels()
     return np.asarray((channels.get("RGB") or channels.get("RGBA")).pixels)[..., :3]
 

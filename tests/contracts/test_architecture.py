@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "torchradiometry"
 FLOORS = (
-    {"quantities", "numerics", "errors", "files"},
+    {"quantities", "numerics", "errors", "files", "archives"},
     {"geometry", "deploy"},
     {"sources", "materials", "transport", "solve"},
     {"shade"},
@@ -22,7 +22,13 @@ FLOORS = (
     {"__main__"},
 )
 #: base modules that build on each other
-WITHIN_BASE = {"numerics": set(), "errors": set(), "quantities": set(), "files": {"errors"}}
+WITHIN_BASE = {
+    "numerics": set(),
+    "errors": set(),
+    "quantities": set(),
+    "files": {"errors"},
+    "archives": {"errors", "files"},
+}
 #: an optional library and the only file that may import it
 OWNERS = {
     "cv2": "files.py",

@@ -221,3 +221,12 @@ def test_jpeg_files_of_a_camera_are_read(tmp_path: Path) -> None:
     exif.get_ifd(0x8769)[0x829A] = 0.004
     Image.fromarray(shot(linear_to_srgb)[0]).save(tmp_path / "a.jpg", exif=exif, quality=95)
     assert recorded_exposures([tmp_path / "a.jpg"]) == pytest.approx([0.004])
+
+
+@pytest.mark.parametrize("recorded", ["soon", (1, 2), b"x", 0, -1.0])
+def test_a_time_that_is_none_is_named(tmp_path: Path, recorded: object) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x829A] = recorded
+    Image.fromarray(shot(linear_to_srgb)[0]).save(tmp_path / "a.jpg", exif=exif)
+    with pytest.raises(InputFileError, match="no exposure time"):
+        recorded_exposures([tmp_path / "a.jpg"])

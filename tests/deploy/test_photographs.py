@@ -187,3 +187,13 @@ def test_a_compressed_matrix_that_unpacks_without_end_is_refused(folder: Path) -
     (folder / "Normal_gt.mat").write_bytes(bomb)
     with pytest.raises(ResourceLimitError, match="unpacked"):
         read_photographs(folder)
+
+
+def test_a_matrix_file_of_very_many_variables_is_refused(folder: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(folder / "Normal_gt.mat", {"Normal_gt": np.zeros((6, 8, 3))})
+    header = (folder / "Normal_gt.mat").read_bytes()[:128]
+    (folder / "Normal_gt.mat").write_bytes(header + struct.pack("<II", 14, 0) * 5000)
+    with pytest.raises(ResourceLimitError, match="variables"):
+        read_photographs(folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,15 @@ from torch import nn
 
 from tests.tolerances import assert_close
 from torchradiometry import __version__
+from torchradiometry.deploy import runtime
+from torchradiometry.deploy.model_size import MAX_PARTS, graph_parts
 from torchradiometry.deploy.runtime import open_model, run_model
 from torchradiometry.errors import (
     DTypeError,
     FileFormatError,
     InputFileError,
     MissingDependencyError,
+    OutOfRangeError,
     ResourceLimitError,
     ShapeError,
 )
@@ -305,3 +309,83 @@ def test_sources_as_inputs_equals_the_layer_with_those_sources() -> None:
     direction, power = torch.rand(5, 3), torch.rand(5, 3)
     expected = LambertianShading(DirectionalSource(direction, power))(NORMAL, ALBEDO)
     assert_close(module(NORMAL, ALBEDO, direction, power), expected)
+
+
+def asking(path: Path, nodes: list, held: list = (), sparse: list = ()) -> Path:
+    """A model of a few bytes whose one input `x` and output `y` are one number."""
+    onnx = pytest.importorskip("onnx")
+    one = onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [1])
+    out = onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
+    graph = onnx.helper.make_graph(nodes, "g", [one], [out], list(held))
+    graph.sparse_initializer.extend(sparse)
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 20)])
+    model.ir_version = 10
+    onnx.save(model, path)
+    return path
+
+
+def test_a_model_that_asks_for_too_much_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """32 GiB of zeros, a loop without end, and more nodes than can be opened in the time."""
+    onnx = pytest.importorskip("onnx")
+    node, info = onnx.helper.make_node, onnx.helper.make_tensor_value_info
+    numbers, truth = onnx.TensorProto.FLOAT, onnx.TensorProto.BOOL
+    x = {"x": np.ones(1, np.float32)}
+    zeros = [
+        node("ConstantOfShape", ["n"], ["z"]),
+        node("ReduceSum", ["z"], ["s"], keepdims=0),
+        node("Add", ["x", "s"], ["y"]),
+    ]
+    size = onnx.helper.make_tensor("n", onnx.TensorProto.INT64, [1], [2**33])
+    large = open_model(asking(tmp_path / "large.onnx", zeros, [size]))
+    with pytest.raises(ResourceLimitError, match="tensors of more than"):
+        run_model(large, x)
+    again = onnx.helper.make_graph(
+        [node("Identity", ["c"], ["d"]), node("Neg", ["v"], ["w"])],
+        "b",
+        [info("k", onnx.TensorProto.INT64, []), info("c", truth, []), info("v", numbers, [1])],
+        [info("d", truth, []), info("w", numbers, [1])],
+    )
+    yes = onnx.helper.make_tensor("t", truth, [], [True])
+    loop = [node("Loop", ["", "t", "x"], ["y"], body=again)]
+    endless = open_model(asking(tmp_path / "endless.onnx", loop, [yes]))
+    with pytest.raises(ResourceLimitError, match="no answer after"):
+        run_model(endless, x, seconds=0.1)
+    with pytest.raises(OutOfRangeError, match="seconds"):
+        run_model(endless, x, seconds=0.0)
+    names = ["x", *(f"a{k}" for k in range(9_999)), "y"]
+    chain = [node("Neg", [a], [b]) for a, b in pairwise(names)]
+    long = asking(tmp_path / "long.onnx", chain)
+    monkeypatch.setattr(runtime, "LOAD_SECONDS", 0.01)
+    with pytest.raises(ResourceLimitError, match="no answer after"):
+        open_model(long)
+
+
+def test_a_graph_that_would_grow_is_refused_before_it_is_built(tmp_path: Path) -> None:
+    """Too many nodes, functions (each level may multiply the next) and sparse tensors."""
+    onnx = pytest.importorskip("onnx")
+    node = onnx.helper.make_node("Neg", ["x"], ["y"])
+    path = asking(tmp_path / "m.onnx", [node])
+    model = onnx.load(path)
+    assert graph_parts(path.read_bytes()) < 20
+    data = path.read_bytes()
+    with path.open("wb") as file:  # messages of one field are joined: each has one node more
+        field = b"\x3a\x0b\x0a\x09\x0a\x01x\x12\x01y\x22\x01N"
+        file.write(data + field * (MAX_PARTS // 4))
+    with pytest.raises(ResourceLimitError, match="parts"):
+        open_model(path)
+    model.functions.append(
+        onnx.helper.make_function("own", "F", ["a"], ["b"], [node], model.opset_import)
+    )
+    onnx.save(model, path)
+    with pytest.raises(FileFormatError, match="functions"):
+        open_model(path)
+    few = onnx.helper.make_tensor("w", onnx.TensorProto.FLOAT, [1], [1.0])
+    where = onnx.helper.make_tensor("i", onnx.TensorProto.INT64, [1], [0])
+    sparse = onnx.helper.make_sparse_tensor(few, where, [2**20, 2**20])
+    with pytest.raises(FileFormatError, match="sparse"):
+        open_model(asking(path, [node], sparse=[sparse]))
+    constant = onnx.helper.make_node("Constant", [], ["y"], sparse_value=sparse)
+    with pytest.raises(FileFormatError, match="sparse"):
+        open_model(asking(path, [constant]))

@@ -1,12 +1,19 @@
 """Training: it learns, stays silent, and a killed run ends with the same bits."""
 
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
-from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
+from torchradiometry import archives
+from torchradiometry.errors import (
+    FileFormatError,
+    InputFileError,
+    OutOfRangeError,
+    ResourceLimitError,
+)
 from torchradiometry.learn import PhotometricTraining, ShadingTraining, load_checkpoint, train
 from torchradiometry.learn.losses import angle_degrees
 from torchradiometry.learn.networks import robust_normals
@@ -85,3 +92,59 @@ def test_faults_of_checkpoints(tmp_path: Path) -> None:
         train(SHADING, checkpoint=tmp_path / "absent" / "c.pt", stop_after=1)
     with pytest.raises(OutOfRangeError, match="steps"):
         ShadingTraining(steps=0)
+
+
+class Allocation:
+    """Pickled as a call that makes 30 MB of zeros: no code of its own, and no tensor."""
+
+    def __reduce__(self) -> tuple[type, tuple[int]]:
+        return bytearray, (3 * 10**7,)
+
+
+def changed(path: Path, key: str, value: object) -> Path:
+    """A copy of a checkpoint in which one entry is another one."""
+    state = torch.load(path, weights_only=True)
+    *outer, last = key.split("/")
+    place = state
+    for name in outer:
+        place = place[int(name) if name.isdigit() else name]
+    place[last] = value
+    torch.save(state, path.parent / "changed.pt")
+    return path.parent / "changed.pt"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("training/steps", Allocation()),
+        ("training/steps", torch.zeros(2)),
+        ("curve/losses", [[1.0]]),
+        ("optimizer/param_groups/0/betas", ("a", "b")),
+        ("optimizer/state/0/exp_avg", torch.zeros(1).expand(2**40)),
+        ("optimizer/state/0/exp_avg", torch.zeros((), dtype=torch.float64).expand(2**40)),
+    ],
+)
+def test_a_checkpoint_that_means_something_else_is_named(
+    tmp_path: Path, key: str, value: object
+) -> None:
+    path = tmp_path / "checkpoint.pt"
+    train(SHADING, checkpoint=path, stop_after=1)
+    hostile = changed(path, key, value)
+    with pytest.raises(FileFormatError):
+        train(SHADING, checkpoint=hostile, resume=True)
+
+
+def test_a_packed_checkpoint_unpacks_within_a_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """torch itself would unpack any number of bytes."""
+    plain, small = tmp_path / "checkpoint.pt", tmp_path / "small.pt"
+    train(SHADING, checkpoint=plain, stop_after=1)
+    with zipfile.ZipFile(plain) as old, zipfile.ZipFile(small, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name))
+    weights, same = load_checkpoint(plain, SHADING), load_checkpoint(small, SHADING)
+    assert all(map(torch.equal, weights.state_dict().values(), same.state_dict().values()))
+    monkeypatch.setattr(archives, "MAX_BYTES", 1000)
+    with pytest.raises(ResourceLimitError, match="when unpacked"):
+        load_checkpoint(small, SHADING)

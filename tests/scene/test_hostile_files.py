@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from tests.scene.gltf_files import SQUARE, TRIANGLE, GltfFile, data_uri, one_triangle, png
 from torchradiometry import errors
@@ -16,7 +17,8 @@ from torchradiometry.errors import (
     RadiometryError,
     ResourceLimitError,
 )
-from torchradiometry.scene import load_scene
+from torchradiometry.scene import gltf_container, gltf_materials, gltf_viewers, load, load_scene
+from torchradiometry.scene.gltf_fields import MAX_ENTRIES
 
 BOMB = png(np.zeros((2, 2)))[:16] + struct.pack(">II", 60000, 60000) + png([[0]])[24:]
 
@@ -263,3 +265,120 @@ def test_obj_reads_no_material_outside(tmp_path: Path) -> None:
     except FileFormatError:
         return
     assert albedo.tolist() == [0.5, 0.5, 0.5]
+
+
+def test_many_primitives_without_corners_are_refused(tmp_path: Path) -> None:
+    """They count no vertices, and each would be a surface."""
+    file = GltfFile()
+    empty = {"attributes": {"POSITION": file.accessor(np.zeros((0, 3)))}, "mode": 0}
+    mesh = file.mesh(*[empty] * 1000)
+    file.tree["nodes"] = [{"mesh": mesh}] * 1000
+    file.tree["scenes"][0]["nodes"] = list(range(1000))
+    with pytest.raises(ResourceLimitError, match="primitives"):
+        load_scene(file.glb(tmp_path / "many.glb"))
+
+
+def test_lists_and_lights_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = one_triangle()
+    file.tree["nodes"] += [{}] * MAX_ENTRIES
+    with pytest.raises(ResourceLimitError, match="entries"):
+        load_scene(file.gltf(tmp_path / "nodes.gltf"))
+    file = one_triangle()
+    file.tree["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    lamp = {"extensions": {"KHR_lights_punctual": {"light": 0}}}
+    file.tree["nodes"] += [lamp] * 5
+    file.tree["scenes"][0]["nodes"] = list(range(6))
+    assert len(load_scene(file.gltf(tmp_path / "lamps.gltf")).sources) == 5
+    monkeypatch.setattr(gltf_viewers, "MAX_VIEWERS", 4)
+    with pytest.raises(ResourceLimitError, match="lights"):
+        load_scene(tmp_path / "lamps.gltf")
+
+
+def test_a_file_by_many_names_counts_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = one_triangle()
+    (tmp_path / "b.bin").write_bytes(bytes(file.data))
+    length = len(file.data)
+    file.tree["buffers"] = [{"byteLength": length, "uri": "./" * k + "b.bin"} for k in range(2)]
+    for k, view in enumerate(file.tree["bufferViews"]):
+        view["buffer"] = k
+    path = file.gltf(tmp_path / "scene.gltf")
+    assert load_scene(path).surfaces[0].count == 1
+    monkeypatch.setattr(gltf_container, "MAX_BYTES", 2 * length - 1)
+    with pytest.raises(ResourceLimitError, match="bytes"):
+        load_scene(path)
+
+
+def test_pictures_count_together_and_are_held_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = textured(png(np.zeros((8, 8))))
+    file.tree["images"] *= 2
+    file.tree["textures"].append({"source": 1})
+    (primitive,) = file.tree["meshes"][0]["primitives"]
+    paint = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}}
+    file.tree["materials"] += [file.tree["materials"][0], paint]
+    file.tree["meshes"][0]["primitives"] = [{**primitive, "material": k} for k in range(3)]
+    path = file.gltf(tmp_path / "a.gltf")
+    first, again, other = (s.texture.image for s in load_scene(path, dtype=torch.float64).surfaces)
+    assert first is again
+    assert other is not first
+    monkeypatch.setattr(gltf_materials, "MAX_PIXELS", 100)
+    with pytest.raises(ResourceLimitError, match="together"):
+        load_scene(path)
+
+
+def test_what_errors_quote_is_short(tmp_path: Path) -> None:
+    file = one_triangle()
+    file.tree["nodes"][0]["name"] = "a" * 10_000
+    assert len(load_scene(file.gltf(tmp_path / "a.gltf")).surfaces[0].name) == 200
+    file.tree["asset"]["version"] = "9" * 10_000
+    with pytest.raises(FileFormatError) as caught:
+        load_scene(file.gltf(tmp_path / "a.gltf"))
+    assert len(str(caught.value)) < 1000
+
+
+def test_only_the_two_chunks_of_the_format_are_read(tmp_path: Path) -> None:
+    data = one_triangle().glb(tmp_path / "a.glb").read_bytes()
+    more = data + struct.pack("<I4s", 0, b"MORE") * 1000
+    whole = more[:8] + struct.pack("<I", len(more)) + more[12:]
+    (tmp_path / "a.glb").write_bytes(whole)
+    assert load_scene(tmp_path / "a.glb").surfaces[0].count == 1
+    again = data + data[12:]
+    (tmp_path / "b.glb").write_bytes(again[:8] + struct.pack("<I", len(again)) + again[12:])
+    assert load_scene(tmp_path / "b.glb").surfaces[0].count == 1
+    start = 20 + struct.unpack("<I", data[12:16])[0]
+    twice = data[:start] + data[12:]
+    (tmp_path / "c.glb").write_bytes(twice[:8] + struct.pack("<I", len(twice)) + twice[12:])
+    with pytest.raises(FileFormatError, match="two chunks"):
+        load_scene(tmp_path / "c.glb")
+
+
+def test_meshes_of_text_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    path = tmp_path / "a.obj"
+    path.write_text(corners + "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(5000)))
+    with pytest.raises(ResourceLimitError, match="5000 materials"):
+        load_scene(path)
+    monkeypatch.setattr(load, "MAX_MESH_TEXT", 100)
+    path.write_text(corners + "f 1 2 3\n" + "#" * 100)
+    with pytest.raises(ResourceLimitError, match="bytes of text"):
+        load_scene(path)
+
+
+def test_textures_of_an_obj_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "p.png").write_bytes(png(np.zeros((8, 8, 3))))
+    paints = "".join(f"newmtl m{k}\nmap_Kd p.png\n" for k in range(2))
+    (tmp_path / "paint.mtl").write_text(paints)
+    faces = "".join(f"usemtl m{k}\nf 1/1 2/2 3/3\n" for k in range(2))
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib paint.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n" + faces)
+    assert [s.texture.image.shape for s in load_scene(path).surfaces] == [(8, 8, 3)] * 2
+    monkeypatch.setattr(load, "MAX_PIXELS", 100)
+    with pytest.raises(ResourceLimitError, match="pixels"):
+        load_scene(path)
+    monkeypatch.undo()
+    monkeypatch.setattr(load, "MAX_TEXT", 10)
+    with pytest.raises(ResourceLimitError, match="bytes"):
+        load_scene(path)

@@ -21,7 +21,7 @@ from torchradiometry.deploy.normals import find_model
 from torchradiometry.deploy.photographs import find_photograph_sets
 from torchradiometry.deploy.runtime import open_model
 from torchradiometry.errors import FileFormatError
-from torchradiometry.files import atomic_path, check_readable
+from torchradiometry.files import MAX_TEXT, atomic_path, check_readable
 from torchradiometry.learn.benchmarks import (
     SingleEvaluation,
     evaluate_singles,
@@ -160,7 +160,7 @@ def _published_radians(path: Path) -> Rows:
 
 
 def _lines(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    check_readable(path, "table of published rows")
+    check_readable(path, "table of published rows", MAX_TEXT)
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)

@@ -11,6 +11,7 @@ References: CIPA DC-008, *Exchangeable image file format*, version 2.32, table 8
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ def recorded_exposures(files: Sequence[str | Path]) -> list[float]:
     found = [_tags(Path(path)) for path in files]
     first = found[0]
     for path, tags in zip(files, found, strict=True):
-        if not tags[SECONDS] or not tags[SECONDS] > 0:
+        if not isinstance(tags[SECONDS], Real) or not tags[SECONDS] > 0:
             raise InputFileError(
                 str(path), "no exposure time in it", "pass --times, one for each photograph"
             )

@@ -45,7 +45,7 @@ from torchradiometry.errors import (
     ResourceLimitError,
     ShapeError,
 )
-from torchradiometry.files import MAX_BYTES, check_readable, read_counts, srgb_to_linear
+from torchradiometry.files import MAX_BYTES, MAX_TEXT, check_readable, read_counts, srgb_to_linear
 
 __all__ = [
     "Photograph",
@@ -58,6 +58,8 @@ __all__ = [
 PHOTOGRAPH_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".npy")
 #: all photographs of a set together, as float32
 MAX_SET_BYTES = 2**32
+#: variables of a MATLAB file that are looked through
+MAX_PARTS = 2**12
 #: how far from 1 the length of a light direction may be: the rounding of printed decimals
 UNIT_TOLERANCE = 1e-2
 
@@ -242,7 +244,7 @@ def _read_mask(path: Path) -> NDArray[np.bool_]:
 
 
 def _read_table(path: Path, widths: tuple[int, ...]) -> NDArray[np.float64]:
-    check_readable(path, "text file")
+    check_readable(path, "text file", MAX_TEXT)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file: named below
@@ -372,8 +374,13 @@ def _check_unpacked(path: Path) -> None:
     room = MAX_BYTES
     with path.open("rb") as file:
         order = "<" if file.read(128).endswith(b"IM") else ">"
+        parts = 0
         while len(tag := file.read(8)) == 8:
             kind, size = struct.unpack(order + "II", tag)
+            parts += 1
+            if parts > MAX_PARTS:
+                got = f"more than {MAX_PARTS} variables"
+                raise ResourceLimitError(str(path), got, "save the normals alone")
             if kind != 15:
                 file.seek(size, 1)
                 continue

@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from torchradiometry.archives import read_arrays
 from torchradiometry.deploy.normals import angular_error, estimate_normals
 from torchradiometry.deploy.photographs import (
     Photograph,
@@ -41,7 +42,6 @@ from torchradiometry.deploy.photographs import (
     read_photographs,
 )
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError, ShapeError
-from torchradiometry.files import read_arrays
 from torchradiometry.learn.evaluation import Evaluation, evaluate
 from torchradiometry.learn.samples.data import Advance
 

@@ -1,11 +1,11 @@
 """The two networks: normals from many lights, pixel by pixel, and normals from one image.
 
 **Photometric.** A pixel under N distant lights is an unordered set of (intensity, light
-direction). Turning object and lights together about the viewing direction turns the normal
-and changes no intensity (of an isotropic material under a distant camera). The network is
-built to obey this exactly: a robust fit of Lambert's law (`robust_normals`) gives each pixel its
-own frame, whose z axis is the fitted normal b/|b| and whose x axis leans towards the camera; there
-the set is drawn on an *observation map*, a grid over the light direction's (x, y),
+direction). Turning object and lights together about the viewing direction turns the normal and
+changes no intensity (of an isotropic material under a distant camera). The network is built to
+obey this exactly: a robust fit of Lambert's law (`robust_normals`) gives each pixel its own frame,
+whose z axis is the fitted normal b/|b| and whose x axis leans towards the camera; there the set is
+drawn on an *observation map*, a grid over the light direction's (x, y),
 
     m_f(g) = sum over i of w_i(g) f(I_i) / (sum over i of w_i(g) + w_0),
     w_i(g) = exp(-|l_i,xy - g|^2 / 2 s^2),
@@ -82,11 +82,10 @@ def least_squares(
     dtype = intensity.dtype
     intensity, direction = alike(*single(intensity, direction))
     # in units of the longest light: sixth powers of lengths are no numbers of float32
-    bound = torch.ones_like(direction[..., :1, :]) if direction.shape[-2] == 0 else direction
-    unit = bound.detach().abs().amax((-1, -2), keepdim=True).clamp(min=1)
+    unit = nn.functional.pad(direction.detach().abs().flatten(-2), (0, 1), value=1.0)
+    unit = unit.amax(-1)[..., None, None]
     direction = direction / unit
-    eye = torch.eye(3, dtype=direction.dtype, device=direction.device)
-    gram = direction.mT @ direction + RIDGE * direction.shape[-2] / (unit * unit) * eye
+    gram = direction.mT @ direction + RIDGE * direction.shape[-2] / unit**2 * torch.eye(3).to(unit)
     return narrow(intensity @ direction @ _inverse(gram) / unit, dtype)
 
 

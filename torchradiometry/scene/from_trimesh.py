@@ -22,7 +22,7 @@ from torchradiometry.scene.surface import Surface, Texture, colours
 if TYPE_CHECKING:
     from torch import Tensor
 
-__all__ = ["GREY", "surface_from_trimesh"]
+__all__ = ["GREY", "picture_pixels", "surface_from_trimesh"]
 
 #: albedo of a mesh that names no colour
 GREY = 0.5
@@ -110,14 +110,20 @@ def _albedo(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     return np.average(colours, axis=0, weights=area) if usable else np.full(3, GREY)
 
 
+def picture_pixels(mesh: trimesh.Trimesh) -> int:
+    """Pixels of a mesh's texture, 0 without one; the picture is not decoded for it."""
+    image = getattr(getattr(mesh.visual, "material", None), "image", None)
+    return 0 if image is None else image.width * image.height
+
+
 def _picture(mesh: trimesh.Trimesh) -> NDArray[np.float64] | None:
     """Linear texture picture `height width 3`, if the mesh can use one."""
     image = getattr(mesh.visual.material, "image", None)
     uv = mesh.visual.uv
     if image is None or uv is None or np.shape(uv) != (len(mesh.vertices), 2):
         return None
-    encoded = np.asarray(image.convert("RGB"), dtype=np.float64) / 255
-    return srgb_to_linear(encoded).astype(np.float64)
+    table = srgb_to_linear(np.arange(256) / 255)  # of 8 bits; nothing larger is made on the way
+    return table[np.asarray(image.convert("RGB"))]
 
 
 def _texture(mesh: trimesh.Trimesh, dtype: torch.dtype) -> Texture | None:

@@ -38,6 +38,8 @@ __all__ = ["MAX_ELEMENTS", "load_gltf"]
 
 #: vertices and indices of all instances together: about 2 GB of tensors
 MAX_ELEMENTS = 2**25
+#: primitives of all instances together, empty ones too
+MAX_PIECES = 2**16
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 
@@ -52,7 +54,7 @@ def load_gltf(path: Path, dtype: torch.dtype) -> Scene:
     container = open_gltf(path)
     nodes = placed_nodes(container)
     pieces = _pieces(container, nodes)
-    materials = Materials(container)
+    materials = Materials(container, dtype)
     surfaces = [
         _surface(container, node, name, primitive, materials.of(primitive), dtype)
         for node, name, primitive in pieces
@@ -68,12 +70,16 @@ def _pieces(container: Container, nodes: list[Node]) -> list[tuple[Node, str, Fi
     """Node, name and primitive of every surface to be, after their size is found bearable."""
     meshes = container.tree.records("meshes")
     primitives = {mesh.place: mesh.records("primitives") for mesh in meshes}
-    pieces, total = [], 0
+    pieces, total, looked_at = [], 0, 0
     for node in nodes:
         if "mesh" not in node.fields:
             continue
         mesh = node.fields.index("mesh", meshes)
         members = primitives[mesh.place]
+        looked_at += len(members)
+        if looked_at > MAX_PIECES:
+            where, got = f"{mesh.file}, {node.name}", f"{looked_at} primitives so far"
+            raise ResourceLimitError(where, got, f"join them to {MAX_PIECES}")
         for number, primitive in enumerate(members):
             if primitive.integer("mode", TRIANGLES) not in (TRIANGLES, STRIP, FAN):
                 continue
@@ -185,9 +191,7 @@ def _texture(
         raise attributes.fault(key, "nothing", "a textured mesh needs texture coordinates")
     uv = uv @ used.transform[:, :2].T + used.transform[:, 2]
     uv[:, 1] = 1 - uv[:, 1]
-    return Texture(
-        torch.from_numpy(used.image).to(dtype), torch.from_numpy(uv).to(dtype), used.wrap
-    )
+    return Texture(used.image, torch.from_numpy(uv).to(dtype), used.wrap)
 
 
 def _mean(texture: Texture, vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:

@@ -17,7 +17,7 @@ from pathlib import Path
 from urllib.parse import unquote, unquote_to_bytes
 
 from torchradiometry.errors import FileFormatError, ResourceLimitError
-from torchradiometry.files import check_readable
+from torchradiometry.files import MAX_BYTES, check_readable
 from torchradiometry.scene.gltf_fields import Fields
 
 __all__ = ["Container", "confined", "open_gltf"]
@@ -46,7 +46,7 @@ class Container:
         binary: the buffer of a `.glb`.
     """
 
-    def __init__(self, path: Path, tree: Fields, binary: bytes | None) -> None:
+    def __init__(self, path: Path, tree: Fields, binary: bytes | memoryview | None) -> None:
         self.path, self.tree, self._binary = path, tree, binary
         self._opened: dict[str, bytes] = {}
         self.buffers = tree.records("buffers")
@@ -66,7 +66,7 @@ class Container:
     def _buffer(self, view: Fields) -> memoryview:
         fields = view.index("buffer", self.buffers)
         if "uri" in fields:
-            data = self.resource(fields, "uri")
+            data: bytes | memoryview = self.resource(fields, "uri")
         elif self._binary is not None and fields is self.buffers[0]:
             data = self._binary
         else:
@@ -88,7 +88,8 @@ class Container:
                 if beside is None:
                     mend = "only files inside the folder of the scene are opened"
                     raise fields.fault(key, f"the address {uri[:80]!r}", mend)
-                self._opened[uri] = check_readable(beside, "buffer or picture").read_bytes()
+                room = MAX_BYTES - sum(map(len, self._opened.values()))
+                self._opened[uri] = check_readable(beside, "buffer or picture", room).read_bytes()
         return self._opened[uri]
 
 
@@ -103,7 +104,7 @@ def open_gltf(path: Path) -> Container:
         head = stream.read(12)
         size = path.stat().st_size
         if head[:4] == MAGIC:
-            text, binary = _chunks(path, head, stream.read(), size)
+            text, binary = _chunks(path, head, memoryview(stream.read()), size)
         else:
             _require_small(path, size)
             text, binary = head + stream.read(), None
@@ -138,8 +139,10 @@ def _embedded(fields: Fields, key: str, uri: str) -> bytes:
         raise fields.fault(key, f"a data URI that is not base64 ({error})") from error
 
 
-def _chunks(path: Path, head: bytes, rest: bytes, size: int) -> tuple[bytes, bytes | None]:
-    """The JSON text and the binary buffer of a `.glb`."""
+def _chunks(
+    path: Path, head: bytes, rest: memoryview, size: int
+) -> tuple[bytes, memoryview | None]:
+    """The JSON text and the binary buffer of a `.glb`: its first two chunks."""
     cut = FileFormatError(str(path), "a .glb file that is cut short", "copy or export it again")
     if len(head) < 12:
         raise cut
@@ -148,20 +151,22 @@ def _chunks(path: Path, head: bytes, rest: bytes, size: int) -> tuple[bytes, byt
         raise FileFormatError(str(path), f"glTF version {version}", "convert it to glTF 2.0")
     if length > size:
         raise cut
-    chunks: dict[bytes, bytes] = {}
+    chunks: dict[bytes, memoryview] = {}
     rest, offset = rest[: length - 12], 0
-    while offset < len(rest):
+    while offset < len(rest) and len(chunks) < 2:
         if offset + 8 > len(rest):
             raise cut
         count, kind = struct.unpack("<I4s", rest[offset : offset + 8])
         if offset + 8 + count > len(rest):
             raise cut
-        chunks.setdefault(kind, rest[offset + 8 : offset + 8 + count])
+        if kind in chunks:
+            raise FileFormatError(str(path), "two chunks of a kind", "export it again")
+        chunks[kind] = rest[offset + 8 : offset + 8 + count]
         offset += 8 + count
     if JSON_CHUNK not in chunks:
         raise FileFormatError(str(path), "a .glb file without a JSON chunk", "export it again")
     _require_small(path, len(chunks[JSON_CHUNK]))
-    return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK)
+    return bytes(chunks[JSON_CHUNK]), chunks.get(BINARY_CHUNK)
 
 
 def _require_small(path: Path, size: int) -> None:

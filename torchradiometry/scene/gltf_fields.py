@@ -12,11 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from torchradiometry.errors import FileFormatError
+from torchradiometry.errors import FileFormatError, ResourceLimitError
 
-__all__ = ["Fields"]
+__all__ = ["LETTERS", "Fields"]
 
 MEND = "repair the file, or export it again"
+#: entries of one list of the tree, and letters of what an error quotes or a node is called
+MAX_ENTRIES, LETTERS = 2**18, 200
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Fields:
     def fault(self, key: str, got: str, mend: str = MEND) -> FileFormatError:
         """The error for what was got at `key`."""
         place = f"{self.place}.{key}" if self.place and key else self.place or key
-        return FileFormatError(f"{self.file}, {place}", got, mend)
+        return FileFormatError(f"{self.file}, {place}", got[:LETTERS], mend)
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
@@ -113,6 +115,10 @@ class Fields:
         values = self.values.get(key, [])
         if not isinstance(values, list):
             raise self.fault(key, _shown(values), "make it a list")
+        if len(values) > MAX_ENTRIES:
+            where = f"{self.file}, {self.place}.{key}".replace(", .", ", ")
+            got = f"{len(values)} entries"
+            raise ResourceLimitError(where, got, f"give at most {MAX_ENTRIES}")
         return values
 
     def _record(self, key: str, value: object) -> Fields:

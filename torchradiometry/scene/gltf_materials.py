@@ -28,10 +28,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from torchradiometry.errors import FileFormatError
-from torchradiometry.files import decode_picture, srgb_to_linear
+from torchradiometry.errors import FileFormatError, ResourceLimitError
+from torchradiometry.files import MAX_PIXELS, decode_picture, srgb_to_linear
 from torchradiometry.scene.gltf_container import Container
 from torchradiometry.scene.gltf_fields import Fields
 
@@ -47,13 +48,13 @@ class Map(NamedTuple):
     """A texture as a material uses it.
 
     Attributes:
-        image: `height width 3`, linear.
+        image: `height width 3`, linear; one tensor for all that use it.
         coordinates: which `TEXCOORD_n` of the mesh.
         transform: `2 3`, applied to them (glTF's: v runs down).
         wrap: along u and v.
     """
 
-    image: NDArray[np.float32]
+    image: torch.Tensor
     coordinates: int
     transform: NDArray[np.float64]
     wrap: tuple[str, str]
@@ -74,14 +75,14 @@ class Material(NamedTuple):
 class Materials:
     """The materials of a file; each, and each picture, is read once and when it is needed."""
 
-    def __init__(self, container: Container) -> None:
-        self._container = container
+    def __init__(self, container: Container, dtype: torch.dtype) -> None:
+        self._container, self._dtype = container, dtype
         self._materials = container.tree.records("materials")
         self._textures = container.tree.records("textures")
         self._images = container.tree.records("images")
         self._samplers = container.tree.records("samplers")
         self._read: dict[str, Material] = {}
-        self._pictures: dict[str, NDArray[np.float32]] = {}
+        self._pictures: dict[str, torch.Tensor] = {}
 
     def of(self, primitive: Fields) -> Material:
         """The material of a mesh primitive; glTF's default (white, no emission) if it has none."""
@@ -136,14 +137,20 @@ class Materials:
             raise sampler.fault("wrapS, wrapT", f"{codes}", f"use {sorted(WRAPPING)}")
         return WRAPPING[codes[0]], WRAPPING[codes[1]]
 
-    def _picture(self, image: Fields) -> NDArray[np.float32]:
-        """The linear picture of an image entry."""
+    def _picture(self, image: Fields) -> torch.Tensor:
+        """The linear picture of an image entry; all together have at most `MAX_PIXELS`."""
         if image.place not in self._pictures:
             if "uri" in image:
                 data = self._container.resource(image, "uri")
             else:
                 data = bytes(self._container.view(image))
-            self._pictures[image.place] = linear_picture(data, f"{image.file}, {image.place}")
+            where = f"{image.file}, {image.place}"
+            picture = torch.from_numpy(linear_picture(data, where))
+            self._pictures[image.place] = picture.to(self._dtype)
+            pixels = sum(each[..., 0].numel() for each in self._pictures.values())
+            if pixels > MAX_PIXELS:
+                mend = f"shrink the pictures to {MAX_PIXELS} together"
+                raise ResourceLimitError(where, f"{pixels} pixels so far", mend)
         return self._pictures[image.place]
 
 
@@ -174,7 +181,9 @@ def linear_picture(data: bytes, where: str) -> NDArray[np.float32]:
         encoded = np.repeat(encoded[..., None], 3, axis=2)
     if 0 in encoded.shape:
         raise FileFormatError(where, "a picture without pixels", "replace the picture")
-    return srgb_to_linear(encoded).astype(np.float32)
+    for row in encoded:  # in place: a large picture is not held three times over
+        row[:] = srgb_to_linear(row)
+    return encoded
 
 
 def _transform(info: Fields) -> tuple[int, NDArray[np.float64]]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchradiometry.scene.gltf_container import Container
-from torchradiometry.scene.gltf_fields import Fields
+from torchradiometry.scene.gltf_fields import LETTERS, Fields
 
 __all__ = ["Node", "mirrors", "placed_nodes", "transformed_normals", "transformed_points"]
 
@@ -53,7 +53,8 @@ def placed_nodes(container: Container) -> list[Node]:
         matrix = parent @ _local(fields)
         if not np.isfinite(matrix).all():
             raise fields.fault("", "a transform beyond the numbers of float64")
-        placed.append(Node(fields, fields.text("name", f"node {number}"), matrix))
+        name = fields.text("name", f"node {number}")[:LETTERS]
+        placed.append(Node(fields, name, matrix))
         children = _indices(fields, "children", nodes)
         waiting.extend((k, matrix) for k in reversed(children))
     return placed

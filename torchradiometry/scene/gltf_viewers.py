@@ -22,7 +22,7 @@ import math
 import numpy as np
 import torch
 
-from torchradiometry.errors import RadiometryError
+from torchradiometry.errors import RadiometryError, ResourceLimitError
 from torchradiometry.geometry.cameras import (
     AbstractCamera,
     OrthographicCamera,
@@ -43,6 +43,8 @@ __all__ = ["HEIGHT", "WIDTH", "read_cameras", "read_lights"]
 WIDTH, HEIGHT = 640, 480
 #: widest picture that an aspect ratio may ask for, in pixels
 MAX_WIDTH = 2**14
+#: lights, and cameras, of a scene
+MAX_VIEWERS = 2**14
 
 
 def read_lights(
@@ -51,10 +53,11 @@ def read_lights(
     """One source for each node that carries a light."""
     extension = container.tree.extension("KHR_lights_punctual")
     lights = extension.records("lights") if extension else []
-    found = []
+    found: list[AbstractSource] = []
     for node in nodes:
         reference = node.fields.extension("KHR_lights_punctual")
         if reference is not None:
+            _require_few(len(found), node)
             found.append(_light(reference.index("light", lights), node, dtype))
     return tuple(found)
 
@@ -92,11 +95,19 @@ def read_cameras(
 ) -> tuple[AbstractCamera, ...]:
     """One camera for each node that carries one."""
     cameras = container.tree.records("cameras")
-    return tuple(
-        _camera(node.fields.index("camera", cameras), node, dtype)
-        for node in nodes
-        if "camera" in node.fields
-    )
+    found: list[AbstractCamera] = []
+    for node in nodes:
+        if "camera" in node.fields:
+            _require_few(len(found), node)
+            found.append(_camera(node.fields.index("camera", cameras), node, dtype))
+    return tuple(found)
+
+
+def _require_few(count: int, node: Node) -> None:
+    if count >= MAX_VIEWERS:
+        where = f"{node.fields.file}, {node.fields.place}"
+        got = f"more than {MAX_VIEWERS} lights or cameras"
+        raise ResourceLimitError(where, got, "leave some out")
 
 
 def _camera(fields: Fields, node: Node, dtype: torch.dtype) -> AbstractCamera:

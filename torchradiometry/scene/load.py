@@ -10,6 +10,7 @@ flat. A mesh with an open border is two-sided, a closed one is not.
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,8 @@ from torchradiometry.errors import (
     RadiometryError,
     ResourceLimitError,
 )
-from torchradiometry.files import check_readable
-from torchradiometry.scene.from_trimesh import surface_from_trimesh
+from torchradiometry.files import MAX_BYTES, MAX_PIXELS, MAX_TEXT, check_readable
+from torchradiometry.scene.from_trimesh import picture_pixels, surface_from_trimesh
 from torchradiometry.scene.gltf import MAX_ELEMENTS, load_gltf
 from torchradiometry.scene.gltf_container import confined
 from torchradiometry.scene.scene import Scene
@@ -35,6 +36,10 @@ __all__ = ["SCENE_ENDINGS", "load_scene"]
 
 #: formats that are text throughout
 TEXT_FORMATS = ("obj", "off")
+#: bytes of a mesh that is text, which grows sixtyfold while it is read
+MAX_MESH_TEXT = 2**27
+#: materials by name in one `.obj`; the time to take them apart grows with their square
+MAX_MATERIALS = 2**12
 GLTF_ENDINGS = (".gltf", ".glb")
 #: archives, which may unpack to any size; drawings and point clouds, which have no faces
 LEFT_OUT = ("zip", "gz", "bz2", "dxf", "svg", "xyz", "gltf", "glb")
@@ -81,7 +86,7 @@ def load_scene(path: str | Path, *, dtype: torch.dtype | None = None) -> Scene:
         if isinstance(error, RadiometryError):
             raise
         raise InputFileError(
-            str(path), f"a file that cannot be read ({error})", "check it"
+            str(path), f"a file that cannot be read ({error})"[:300], "check it"
         ) from error
     if not any(surface.count for surface in scene.surfaces):
         raise EmptySceneError(str(path), "no triangles", "pass a file with a mesh")
@@ -91,22 +96,30 @@ def load_scene(path: str | Path, *, dtype: torch.dtype | None = None) -> Scene:
 class _Beside(Resolver):
     """Files that a mesh names: only those in its own folder."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, room: int = MAX_BYTES) -> None:
+        self.folder, self.room = folder, room
+        self.too_large: ResourceLimitError | None = None  # trimesh goes on without the file
 
     def get(self, name: str) -> bytes:
         path = confined(self.folder, str(name).strip())
         if path is None:
             mend = "only files inside the folder of the mesh are opened"
             raise FileFormatError(str(name), "an address outside", mend)
-        data = check_readable(path, "material or texture").read_bytes()
-        return _as_utf8(data) if path.suffix.lower() == ".mtl" else data
+        text = path.suffix.lower() == ".mtl"
+        most = min(self.room, MAX_TEXT) if text else self.room
+        try:
+            data = check_readable(path, "material or texture", most).read_bytes()
+        except ResourceLimitError as error:
+            self.too_large = error
+            raise
+        self.room -= len(data)
+        return _as_utf8(data) if text else data
 
     def write(self, name: str, data: object) -> None:
         raise InputFileError(name, "a request to write it", "meshes are only read here")
 
     def namespaced(self, namespace: str) -> _Beside:
-        return _Beside(self.folder / namespace)
+        return _Beside(self.folder / namespace, self.room)
 
     def keys(self) -> list[str]:
         return [child.name for child in self.folder.iterdir() if child.is_file()]
@@ -121,14 +134,28 @@ def _as_utf8(text: bytes) -> bytes:
     return text
 
 
+def _require_bearable(path: Path, data: bytes) -> None:
+    """Refuse what would take trimesh too much memory or time."""
+    binary = path.suffix.lower() == ".ply" and b"format ascii" not in data[:1000]
+    binary |= path.suffix.lower() == ".stl" and not data[:80].lstrip().startswith(b"solid")
+    if len(data) > MAX_MESH_TEXT and not binary:
+        mend = f"save it as .glb or binary .ply, or with at most {MAX_MESH_TEXT} bytes"
+        raise ResourceLimitError(str(path), f"{len(data)} bytes of text", mend)
+    if path.suffix.lower() == ".obj":
+        named = len(set(re.findall(rb"usemtl[^\n]*", data)))
+        if named > MAX_MATERIALS:
+            mend = f"join them to {MAX_MATERIALS}"
+            raise ResourceLimitError(str(path), f"{named} materials", mend)
+
+
 def _load_mesh(path: Path, dtype: torch.dtype) -> Scene:
     """A plain mesh through trimesh, with the transforms of its parts applied."""
     data, ending = path.read_bytes(), path.suffix[1:].lower()
+    _require_bearable(path, data)
+    beside = _Beside(path.parent)
     stream = io.BytesIO(_as_utf8(data) if ending in TEXT_FORMATS else data)
     try:
-        loaded = trimesh.load_scene(
-            stream, file_type=ending, resolver=_Beside(path.parent), process=False
-        )
+        loaded = trimesh.load_scene(stream, file_type=ending, resolver=beside, process=False)
         graph = [(name, *loaded.graph[name]) for name in loaded.graph.nodes_geometry]
     except RadiometryError:
         raise
@@ -137,6 +164,8 @@ def _load_mesh(path: Path, dtype: torch.dtype) -> Scene:
         cause = "damaged data" if isinstance(error, ImportError) else f"{error}"
         got = f"no mesh ({cause})".replace("\n", " ")
         raise FileFormatError(str(path), got[:300], "pass a mesh file") from error
+    if beside.too_large is not None:
+        raise beside.too_large
     parts = [
         (node, matrix, loaded.geometry[key])
         for node, matrix, key in graph
@@ -148,6 +177,10 @@ def _load_mesh(path: Path, dtype: torch.dtype) -> Scene:
     if total > MAX_ELEMENTS:
         mend = f"simplify the mesh to {MAX_ELEMENTS}"
         raise ResourceLimitError(str(path), f"{total} vertices and indices", mend)
+    pixels = sum(picture_pixels(mesh) for _, _, mesh in parts)
+    if pixels > MAX_PIXELS:
+        mend = f"shrink the textures of all its parts to {MAX_PIXELS}"
+        raise ResourceLimitError(str(path), f"{pixels} pixels", mend)
     names = [path.stem if len(parts) == 1 else str(name) for name, _, _ in parts]
     return Scene(
         tuple(

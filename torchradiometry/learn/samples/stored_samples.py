@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from torchradiometry.archives import read_arrays
 from torchradiometry.errors import (
     FileFormatError,
     IndexRangeError,
@@ -29,7 +30,6 @@ from torchradiometry.files import (
     atomic_path,
     check_folder_place,
     clear_half_files,
-    read_arrays,
     read_json,
 )
 from torchradiometry.learn.samples.data import Advance

@@ -24,7 +24,7 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from torchradiometry.errors import FileFormatError, MissingDependencyError
-from torchradiometry.files import atomic_path, check_readable
+from torchradiometry.files import MAX_SETTINGS, atomic_path, check_readable
 from torchradiometry.learn.training.settings import KINDS, Training, kind_of
 
 __all__ = ["read_training", "training_from_table", "training_table", "write_training"]
@@ -43,7 +43,7 @@ def read_training(path: str | Path) -> Training:
         FileFormatError: not TOML, no or another `kind`, an unknown key, a value of another type.
         OutOfRangeError: a value outside its range.
     """
-    path = check_readable(path, "settings file")
+    path = check_readable(path, "settings file", MAX_SETTINGS)
     try:
         table = _tomllib().loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
