@@ -103,6 +103,39 @@ def test_triangles(shared: int) -> None:
                 seen += 1
 
 
+def strip(length: float) -> Tensor:
+    return torch.tensor([[0, 0, 0], [1, 0, 0], [1, length, 0], [0, length, 0]], dtype=torch.float64)
+
+
+@pytest.mark.parametrize("length", [1e3, 1e4, 1e6])
+def test_strips(length: float) -> None:
+    """Far longer than wide and a width to a length apart: their contour integrals cancel."""
+    for gap in (1.0, 32.0, 1e3, length):
+        floor = strip(length)
+        other = floor.flip(0) + torch.tensor([0, 0, gap], dtype=torch.float64)
+        found = transport.polygon_exchange(floor[None], other[None]) / length
+        exact = truth.parallel_rectangles(1.0, length, gap)
+        assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_strips_that_pass_askew(corners: int) -> None:
+    """Strips, and needles in any direction; either way round gives the same bits."""
+    turn = torch.eye(3, dtype=torch.float64)
+    if corners == 3:  # three corners stay in a plane when they are rounded
+        turn = torch.linalg.qr(Draw(7, torch.float64).uniform(3, 3, low=-1)).Q
+        turn = turn * torch.linalg.det(turn)
+    askew = torch.tensor([[0.875, -0.375, 0], [0.375, 0.875, 0], [0, 0, 1]], dtype=torch.float64)
+    for length, gap in ((4096.0, 1024.0), (2.0**15, 128.0)):
+        lift = torch.tensor([0, -length / 8, gap], dtype=torch.float64)
+        pair = [strip(length)[:corners] @ turn, (strip(length).flip(0) @ askew + lift) @ turn]
+        first, second = (t[:corners].unsqueeze(0) for t in pair)
+        found = transport.polygon_exchange(first, second)
+        exact = truth.exchange(first[0], second[0])
+        assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
+        assert torch.equal(found, transport.polygon_exchange(second, first))
+
+
 def largest_error(found: Tensor, exact: list) -> float:
     """Of a vector, relative to its largest value."""
     largest = max(abs(x) for x in exact)

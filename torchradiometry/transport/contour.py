@@ -18,7 +18,8 @@ singularity from the cut s_k (P. Johnston and D. Elliott 2005); in u they lie ab
 near they were: shared edges, shared corners and gaps of any width cost 8 to 48 points a part.
 
 The sum cancels: its rounding error is about 1e-16 |P_1| |P_2| / (2 pi), |P| the perimeters, so
-this is the integral for near pairs; `exchange` takes product rules for far ones.
+this is the integral for near pairs; `exchange` takes product rules for far ones, and
+`slender` for strips.
 
 References: E. M. Sparrow, "A new and simpler formulation for radiative angle factors", J. Heat
 Transfer 85 (1963), the double contour; P. Schroeder and P. Hanrahan, "On the form factor between
@@ -42,7 +43,16 @@ from torchradiometry.transport.rules import line_rule
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
 
-__all__ = ["contour_exchange", "log_distance"]
+__all__ = [
+    "ORDERS",
+    "Pieces",
+    "Singular",
+    "contour_exchange",
+    "graded_pieces",
+    "graded_rule",
+    "log_distance",
+    "singularities",
+]
 
 #: orders of the Gauss-Legendre rules
 ORDERS = (2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48)
@@ -54,7 +64,7 @@ BLOCK = 2**15
 AWAY = 0.5
 
 
-class _Singular(NamedTuple):
+class Singular(NamedTuple):
     """The singularities foot +- i height of the outer integrand, outer edge = 0..1."""
 
     foot: Float[Tensor, "row 3"]
@@ -132,11 +142,11 @@ def _guarded_log(square: Tensor) -> Tensor:
 def _mean_logarithm(outer: Tensor, inner: Tensor, tolerance: Tensor) -> Float[Tensor, "row"]:
     """L(e, f) + 1 of every row; outer and inner are `(start, edge) 3 row`."""
     with torch.no_grad():
-        singular = _singularities(outer, inner)
+        singular = singularities(outer, inner)
         order = _plain_order(singular, tolerance)
         plain = torch.nonzero(order <= PLAIN).squeeze(-1)
         graded = torch.nonzero(order > PLAIN).squeeze(-1)
-        pieces = _pieces(_Singular(*(s[graded] for s in singular)), tolerance[graded])
+        pieces = graded_pieces(Singular(*(s[graded] for s in singular)), tolerance[graded])
         row = graded[pieces.row]
     value = outer.new_zeros(outer.shape[-1])
     for n in ORDERS:
@@ -148,7 +158,7 @@ def _mean_logarithm(outer: Tensor, inner: Tensor, tolerance: Tensor) -> Float[Te
                 value = value.index_put((some,), found)
         chosen = torch.nonzero(pieces.order == n).squeeze(-1)
         for some in chosen.split(max(1, BLOCK // n)):
-            node, weight = _graded_rule(_Pieces(*(p[some] for p in pieces)), n)
+            node, weight = graded_rule(Pieces(*(p[some] for p in pieces)), n)
             at = row[some]
             found = _applied(outer[..., at], inner[..., at], node, weight)
             value = value.index_add(0, at, found)
@@ -163,7 +173,7 @@ def _applied(outer: Tensor, inner: Tensor, node: Tensor, weight: Tensor) -> Floa
     return (log_distance(near, near + other) * weight).sum(-1)
 
 
-def _singularities(outer: Tensor, inner: Tensor) -> _Singular:
+def singularities(outer: Tensor, inner: Tensor) -> Singular:
     """Those of both ends of the inner edge, and of the place where the lines pass."""
     start, edge = outer.detach().unbind()
     corner, other = inner.detach().unbind()
@@ -187,10 +197,10 @@ def _singularities(outer: Tensor, inner: Tensor) -> _Singular:
     here = skew & (along > -0.1) & (along < 1.1)
     away = torch.full_like(apart, torch.inf)
     foot = torch.cat((foot, torch.where(here, passing, 0).unsqueeze(-1)), -1)
-    return _Singular(foot, torch.cat((height, torch.where(here, apart, away).unsqueeze(-1)), -1))
+    return Singular(foot, torch.cat((height, torch.where(here, apart, away).unsqueeze(-1)), -1))
 
 
-def _plain_order(singular: _Singular, tolerance: Tensor) -> Int[Tensor, "row"]:
+def _plain_order(singular: Singular, tolerance: Tensor) -> Int[Tensor, "row"]:
     """Points that a single Gauss-Legendre rule needs, rounded up to one of `ORDERS`."""
     foot, height = singular
     axis = torch.hypot(foot, height) + torch.hypot(1 - foot, height)
@@ -205,7 +215,7 @@ def _rounded_up(needed: Tensor) -> Int[Tensor, "row"]:
     return orders[place]
 
 
-class _Pieces(NamedTuple):
+class Pieces(NamedTuple):
     """Parts of outer edges: from `origin` towards `origin + length`, graded with `scale`."""
 
     row: Int[Tensor, "piece"]
@@ -215,7 +225,7 @@ class _Pieces(NamedTuple):
     order: Int[Tensor, "piece"]
 
 
-def _pieces(singular: _Singular, tolerance: Tensor) -> _Pieces:
+def graded_pieces(singular: Singular, tolerance: Tensor) -> Pieces:
     """0..1 cut at the feet of near singularities, each part graded from one or both ends."""
     foot, height = singular
     near = torch.where(height < AWAY, foot.clamp(0, 1), 0)
@@ -236,10 +246,10 @@ def _pieces(singular: _Singular, tolerance: Tensor) -> _Pieces:
     beyond = 2 * math.log(2) / reach
     rate = torch.log(1 + beyond + (beyond * (2 + beyond)).sqrt())
     order = _rounded_up(-torch.log(tolerance[row]) / (2 * rate))
-    return _Pieces(row, origin, length, scale, order)
+    return Pieces(row, origin, length, scale, order)
 
 
-def _graded_rule(pieces: _Pieces, order: int) -> tuple[Tensor, Tensor]:
+def graded_rule(pieces: Pieces, order: int) -> tuple[Tensor, Tensor]:
     """Points and weights `piece point` of s = origin +- scale sinh(u)."""
     node, weight = line_rule(order, pieces.origin)
     reach = torch.asinh(pieces.length.abs() / pieces.scale).unsqueeze(-1)

@@ -16,7 +16,8 @@ the largest distance of a corner from its centroid:
 * near: the double contour integral (`contour`), with a tolerance that follows from `rtol` and
   from an estimate of K. Its rounding error is about 1e-16 |P_1| |P_2| / (2 pi), |P| the
   perimeters, so `rtol` = 1e-10 holds for K > 1e-6 |P_1| |P_2|: touching squares from 1 to 179
-  degrees, and sizes up to about 10^4 apart.
+  degrees, and sizes up to about 10^4 apart. Slender polygons, which exchange less and are a width
+  or more away, are done again where that is not enough (`slender`), unless they are cut.
 
 References: `contour`; P. J. Davis and P. Rabinowitz, *Methods of Numerical Integration* (1984),
 5.6, product rules; M. Cohen and J. Wallace, *Radiosity and Realistic Image Synthesis* (1993),
@@ -42,6 +43,7 @@ from torchradiometry.transport.exchange_blocks import (
     surface_points,
 )
 from torchradiometry.transport.polygon_pairs import Polygon, PolygonPairs, norm, polygon_pairs
+from torchradiometry.transport.slender import cancels, slender_exchange
 
 if TYPE_CHECKING:
     from jaxtyping import Float, Int
@@ -148,7 +150,13 @@ def _near(pairs: PolygonPairs, rtol: float) -> Float[Tensor, "pair"]:
     """By the contour integral, m2; clipped parts may turn out to be far from each other."""
     value = _attached_zeros(pairs)
     for index in _chosen(~pairs.cut):
-        value = value.index_put((index,), _contour(*_sides(pairs, index), rtol))
+        first, second = _sides(pairs, index)
+        found = _contour(first, second, rtol)
+        (thin,) = torch.nonzero(cancels(first.corner, second.corner, found, rtol), as_tuple=True)
+        if len(thin):
+            again = slender_exchange(first.corner[..., thin], second.corner[..., thin])
+            found = found.index_put((thin,), again)
+        value = value.index_put((index,), found)
     for index in _chosen(pairs.cut):
         first, second = (side.clipped() for side in _sides(pairs, index))
         rule = _rule(first, second, rtol)

@@ -1,0 +1,49 @@
+"""Slender polygons: the same exchange as the contour integral where that is exact; gradients."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+from torch.autograd import gradcheck
+
+from torchradiometry.transport import slender
+from torchradiometry.transport.contour import contour_exchange
+from torchradiometry.transport.slender import cancels, slender_exchange
+
+#: components first, one pair; planar, one in front of the other
+STRIP = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 40, 0], [0, 40, 0]], dtype=torch.float64) / 40
+OTHER = STRIP.flip(0) + torch.tensor([0.2, -0.1, 0.1], dtype=torch.float64)
+
+
+def pair(corners: int, others: int) -> tuple[Tensor, Tensor]:
+    return STRIP[:corners].mT.unsqueeze(-1).contiguous(), OTHER[:others].mT.unsqueeze(
+        -1
+    ).contiguous()
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+@pytest.mark.parametrize("others", [3, 4])
+def test_both_integrals_agree(corners: int, others: int) -> None:
+    first, second = pair(corners, others)
+    exact = contour_exchange(first, second, torch.tensor([1e-15], dtype=torch.float64))
+    torch.testing.assert_close(slender_exchange(first, second), exact, rtol=1e-12, atol=0)
+    torch.testing.assert_close(slender_exchange(second, first), exact, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_gradients(corners: int) -> None:
+    first, second = (t.requires_grad_() for t in pair(corners, 4))
+    assert gradcheck(slender_exchange, (first, second), atol=1e-8, rtol=1e-5, fast_mode=True)
+
+
+def test_only_where_digits_are_lost_and_the_rule_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long enough, a width away, and little exchange for the perimeters."""
+    first, second = pair(4, 4)
+    little, much = (torch.tensor([k], dtype=torch.float64) for k in (1e-9, 1.0))
+    assert not cancels(first, second, little, 1e-10)  # 40 widths long
+    monkeypatch.setattr(slender, "LONG", 30.0)
+    assert cancels(first, second, little, 1e-10)
+    assert not cancels(first, second, much, 1e-10)
+    near = second - torch.tensor([0.2, -0.1, 0.09], dtype=torch.float64).reshape(3, 1, 1)
+    assert not cancels(first, near, little, 1e-10)
