@@ -118,6 +118,17 @@ def test_strips(length: float) -> None:
         assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
 
 
+@pytest.mark.parametrize("size", [2.0**-10, 2.0**-20])
+def test_small_plates_above_large_ones(size: float) -> None:
+    """At any height from their own size on."""
+    floor = strip(1.0)
+    for height in (size, 2.0**-2):
+        first = floor.flip(0) * size + torch.tensor([0.25, 0.5, height], dtype=torch.float64)
+        found = transport.polygon_exchange(floor[None], first[None])
+        exact = truth.exchange(floor, first)
+        assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
+
+
 @pytest.mark.parametrize("corners", [3, 4])
 def test_strips_that_pass_askew(corners: int) -> None:
     """Strips, and needles in any direction; either way round gives the same bits."""

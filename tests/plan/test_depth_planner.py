@@ -17,6 +17,7 @@ from torchradiometry import AmbientDome, DirectionalSource, LambertianShading, d
 from torchradiometry.errors import (
     FileFormatError,
     IndexRangeError,
+    InvalidValueError,
     OutOfRangeError,
     ShapeError,
 )
@@ -182,6 +183,25 @@ def test_mistakes_are_named() -> None:
     layer = DepthPlanner(0.1).plan(depth, rho, SUN, pixel_size=PIXEL).build(SUN, pixel_size=PIXEL)
     with pytest.raises(ShapeError, match="planned"):
         layer(depth[:2], rho[:2])
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf])
+def test_no_plan_is_made_of_numbers_that_are_none(value: float) -> None:
+    """One such pixel would make every estimate NaN, and NaN is below no tolerance or all."""
+    depth = maps()[1][:2]
+    rho = torch.full_like(depth, 0.5)
+    rho[0, 0, 3, 3] = value
+    with pytest.raises(InvalidValueError, match="albedo"):
+        DepthPlanner(0.1).plan(depth, rho, SUN, pixel_size=PIXEL)
+    grey = torch.full_like(depth, 0.5)
+    with pytest.raises(InvalidValueError, match="shininess"):
+        DepthPlanner(0.1).plan(
+            depth, grey, SUN, pixel_size=PIXEL, specular=0.2 * grey, shininess=20 * rho
+        )
+    depth[0, 0, 3, 3] = torch.nan  # of a pixel that is not seen it does not matter
+    plan = DepthPlanner(0.1).plan(depth, rho, SUN, pixel_size=PIXEL)
+    same = DepthPlanner(0.1).plan(depth, grey, SUN, pixel_size=PIXEL)
+    assert plan.predicted_error == same.predicted_error
 
 
 def test_nothing_seen_and_no_light_are_planned_without_a_crash() -> None:

@@ -9,6 +9,7 @@ from torch.autograd import gradcheck
 
 from torchradiometry.transport import slender
 from torchradiometry.transport.contour import contour_exchange
+from torchradiometry.transport.exchange import RTOL
 from torchradiometry.transport.slender import cancels, slender_exchange
 
 #: components first, one pair; planar, one in front of the other
@@ -27,23 +28,23 @@ def pair(corners: int, others: int) -> tuple[Tensor, Tensor]:
 def test_both_integrals_agree(corners: int, others: int) -> None:
     first, second = pair(corners, others)
     exact = contour_exchange(first, second, torch.tensor([1e-15], dtype=torch.float64))
-    torch.testing.assert_close(slender_exchange(first, second), exact, rtol=1e-12, atol=0)
-    torch.testing.assert_close(slender_exchange(second, first), exact, rtol=1e-12, atol=0)
+    torch.testing.assert_close(slender_exchange(first, second, RTOL), exact, rtol=1e-12, atol=0)
+    torch.testing.assert_close(slender_exchange(second, first, RTOL), exact, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("corners", [3, 4])
 def test_gradients(corners: int) -> None:
     first, second = (t.requires_grad_() for t in pair(corners, 4))
-    assert gradcheck(slender_exchange, (first, second), atol=1e-8, rtol=1e-5, fast_mode=True)
+    assert gradcheck(slender_exchange, (first, second, RTOL), atol=1e-8, rtol=1e-5, fast_mode=True)
 
 
 def test_only_where_digits_are_lost_and_the_rule_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Long enough, a width away, and little exchange for the perimeters."""
     first, second = pair(4, 4)
     little, much = (torch.tensor([k], dtype=torch.float64) for k in (1e-9, 1.0))
-    assert not cancels(first, second, little, 1e-10)  # 40 widths long
+    assert not cancels(first, second, little, RTOL)  # 40 widths long
     monkeypatch.setattr(slender, "LONG", 30.0)
-    assert cancels(first, second, little, 1e-10)
-    assert not cancels(first, second, much, 1e-10)
+    assert cancels(first, second, little, RTOL)
+    assert not cancels(first, second, much, RTOL)
     near = second - torch.tensor([0.2, -0.1, 0.09], dtype=torch.float64).reshape(3, 1, 1)
-    assert not cancels(first, near, little, 1e-10)
+    assert not cancels(first, near, little, RTOL)

@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from torchradiometry.errors import (
     FileFormatError,
     IndexRangeError,
+    InvalidValueError,
     OutOfRangeError,
     ShapeError,
 )
@@ -78,10 +79,16 @@ class DepthPlanner:
 
         Returns:
             A plan. Where its best is not good enough, `notes` say so.
+
+        Raises:
+            InvalidValueError: NaN or infinite albedo, specular or shininess where depth is seen:
+                no error can be foretold.
         """
         lights = chosen_sources([], sources)
         maps = DepthMaps(depth, albedo, lights, intrinsics, pixel_size, specular, shininess, lobe)
         images = depth_levels(maps)
+        for name in ("albedo", "specular", "shininess"):
+            _require_finite(name, getattr(maps, name), torch.isfinite(depth))
         chosen = [_last_within(list(levels.values()), self.tolerance) for levels in images]
         rows = tuple(
             tuple(
@@ -91,6 +98,14 @@ class DepthPlanner:
             for levels, states in zip(images, chosen, strict=True)
         )
         return DepthPlan(rows, self.tolerance)
+
+
+def _require_finite(name: str, image: Tensor | None, seen: Tensor) -> None:
+    if image is not None:
+        bad = int((seen & ~torch.isfinite(image)).sum())
+        if bad:
+            got = f"{bad} NaN or infinite values where depth is seen"
+            raise InvalidValueError(name, got, "pass finite numbers")
 
 
 def _last_within(effects: list[tuple[DepthLevel, ...]], tolerance: float) -> list[int]:

@@ -45,12 +45,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ORDERS",
+    "PLAIN",
     "Pieces",
     "Singular",
     "contour_exchange",
     "graded_pieces",
     "graded_rule",
     "log_distance",
+    "plain_order",
     "singularities",
 ]
 
@@ -143,7 +145,7 @@ def _mean_logarithm(outer: Tensor, inner: Tensor, tolerance: Tensor) -> Float[Te
     """L(e, f) + 1 of every row; outer and inner are `(start, edge) 3 row`."""
     with torch.no_grad():
         singular = singularities(outer, inner)
-        order = _plain_order(singular, tolerance)
+        order = plain_order(singular, tolerance)
         plain = torch.nonzero(order <= PLAIN).squeeze(-1)
         graded = torch.nonzero(order > PLAIN).squeeze(-1)
         pieces = graded_pieces(Singular(*(s[graded] for s in singular)), tolerance[graded])
@@ -200,7 +202,7 @@ def singularities(outer: Tensor, inner: Tensor) -> Singular:
     return Singular(foot, torch.cat((height, torch.where(here, apart, away).unsqueeze(-1)), -1))
 
 
-def _plain_order(singular: Singular, tolerance: Tensor) -> Int[Tensor, "row"]:
+def plain_order(singular: Singular, tolerance: Tensor) -> Int[Tensor, "row"]:
     """Points that a single Gauss-Legendre rule needs, rounded up to one of `ORDERS`."""
     foot, height = singular
     axis = torch.hypot(foot, height) + torch.hypot(1 - foot, height)

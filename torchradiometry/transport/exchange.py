@@ -16,8 +16,9 @@ the largest distance of a corner from its centroid:
 * near: the double contour integral (`contour`), with a tolerance that follows from `rtol` and
   from an estimate of K. Its rounding error is about 1e-16 |P_1| |P_2| / (2 pi), |P| the
   perimeters, so `rtol` = 1e-10 holds for K > 1e-6 |P_1| |P_2|: touching squares from 1 to 179
-  degrees, and sizes up to about 10^4 apart. Slender polygons, which exchange less and are a width
-  or more away, are done again where that is not enough (`slender`), unless they are cut.
+  degrees, and sizes up to about 10^4 apart. Slender polygons and small ones beside large ones,
+  which exchange less, are done again where that is not enough (`slender`), if they are a width or
+  more away and not cut.
 
 References: `contour`; P. J. Davis and P. Rabinowitz, *Methods of Numerical Integration* (1984),
 5.6, product rules; M. Cohen and J. Wallace, *Radiosity and Realistic Image Synthesis* (1993),
@@ -154,7 +155,7 @@ def _near(pairs: PolygonPairs, rtol: float) -> Float[Tensor, "pair"]:
         found = _contour(first, second, rtol)
         (thin,) = torch.nonzero(cancels(first.corner, second.corner, found, rtol), as_tuple=True)
         if len(thin):
-            again = slender_exchange(first.corner[..., thin], second.corner[..., thin])
+            again = slender_exchange(first.corner[..., thin], second.corner[..., thin], rtol)
             found = found.index_put((thin,), again)
         value = value.index_put((index,), found)
     for index in _chosen(pairs.cut):

@@ -1,4 +1,4 @@
-"""Slender polygons far from each other, for their width: where the contour integral cancels.
+"""Slender polygons, and small beside large ones, some way off: where the contour integral cancels.
 
     A_1 F_12 = 1/pi int_1 E_2(x) dA,    E_2 the irradiance of polygon 2 of radiance 1, exact
 
@@ -6,8 +6,8 @@ The double contour adds terms of the size of both perimeters; strips a thousand 
 exchange a billionth of that, and the roundings are what is left. Here nothing cancels: E_2 is
 Lambert's sum, which keeps its digits (`polygon_irradiance`), and E_2 >= 0. The thinner polygon is
 x(u, v), bilinear, u along it and v across. E_2 is analytic but at the outline of polygon 2:
-across, a Gauss-Legendre rule does, as the outline is at least a width away; along, u is
-cut and graded at the feet of the outline's corners as in `contour`.
+across, a Gauss-Legendre rule does, as the outline is at least a width away; along, it does for
+short ones, otherwise u is cut and graded at the feet of the outline's corners as in `contour`.
 
 References: `contour`; `geometry.polygon_irradiance`.
 """
@@ -24,10 +24,12 @@ from torchradiometry.geometry.polygon_irradiance import polygon_irradiance
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.transport.contour import (
     ORDERS,
+    PLAIN,
     Pieces,
     Singular,
     graded_pieces,
     graded_rule,
+    plain_order,
     singularities,
 )
 from torchradiometry.transport.polygon_pairs import norm
@@ -40,8 +42,8 @@ __all__ = ["cancels", "slender_exchange"]
 
 #: points across: with the outline a width away they err by 4.2^-24, 1e-15
 ACROSS = 12
-#: widths that a polygon is long, at least: shorter ones that lose digits nearly lie in one plane,
-#: may be many, and take a thousand times as long here
+#: widths that a polygon, or the larger one, is long at least: others that lose digits nearly lie
+#: in one plane, may be many, and take fifty times as long here
 LONG = 250.0
 #: points that are held at the same time
 BLOCK = 2**12
@@ -63,13 +65,15 @@ def cancels(
         strip, other = _thinner_first(first[..., chosen], second[..., chosen])
         start, end = strip[:, 0], strip[:, 1]
         wide = torch.maximum(norm(strip[:, 3] - start), norm(strip[:, 2] - end))
-        long = norm(_axis(strip)[1]) > LONG * wide
-        doubtful[chosen] = long & (wide <= _gap(strip, other))
+        longest = torch.maximum(norm(_axis(strip)[1]), norm(_axis(other)[1]))
+        doubtful[chosen] = (longest > LONG * wide) & (wide <= _gap(strip, other))
     return doubtful
 
 
 def slender_exchange(
-    first: Float[Tensor, "3 corner pair"], second: Float[Tensor, "3 other pair"]
+    first: Float[Tensor, "3 corner pair"],
+    second: Float[Tensor, "3 other pair"],
+    rtol: float,
 ) -> Float[Tensor, "pair"]:
     """A_1 F_12 of polygons that lie in front of each other's plane, at most quads.
 
@@ -84,20 +88,32 @@ def slender_exchange(
         along = axis.unsqueeze(2).expand(-1, -1, count, -1)
         found = singularities(along.flatten(2), edges.flatten(2))
         feet = (t.unflatten(0, (count, -1)).movedim(0, 1).flatten(1) for t in found)
+        singular = Singular(*feet)
         tolerance = torch.full_like(axis[0, 0], torch.finfo(axis.dtype).eps)
-        pieces = graded_pieces(Singular(*feet), tolerance)
+        plain = plain_order(singular, tolerance)
+        long = torch.nonzero(plain > PLAIN).squeeze(-1)
+        pieces = graded_pieces(Singular(*(t[long] for t in singular)), tolerance[long])
+        pieces = pieces._replace(row=long[pieces.row])
     value = 0 * (first.sum((0, 1)) + second.sum((0, 1)))
     for order in ORDERS:
-        chosen = torch.nonzero(pieces.order == order).squeeze(-1)
-        for some in chosen.split(max(1, BLOCK // (order * ACROSS))):
-            part = Pieces(*(p[some] for p in pieces))
-            u, weight = graded_rule(part, order)
-            mean = _weighted(strip[..., part.row], other[..., part.row], u, weight)
-            value = value.index_add(0, part.row, mean)
+        size = max(1, BLOCK // (order * ACROSS))
+        graded = torch.nonzero(pieces.order == order).squeeze(-1)
+        rules = [
+            (part.row, *graded_rule(part, order))
+            for part in (Pieces(*(p[some] for p in pieces)) for some in graded.split(size))
+        ]
+        if order <= PLAIN:
+            u, weight = (t.unsqueeze(0) for t in line_rule(order, axis))
+            rules += [(r, u, weight) for r in torch.nonzero(plain == order).squeeze(-1).split(size)]
+        for row, u, weight in rules:
+            mean = _weighted(strip[..., row], other[..., row], u, weight, rtol)
+            value = value.index_add(0, row, mean)
     return value / math.pi
 
 
-def _weighted(strip: Tensor, other: Tensor, u: Tensor, weight: Tensor) -> Float[Tensor, "row"]:
+def _weighted(
+    strip: Tensor, other: Tensor, u: Tensor, weight: Tensor, rtol: float
+) -> Float[Tensor, "row"]:
     """The rule's sum of E times the area element over points `row u v`."""
     v, across = line_rule(ACROSS, strip)
     u, corners = u.unsqueeze(-1), strip.movedim(0, -1)[..., None, None, :]
@@ -109,7 +125,7 @@ def _weighted(strip: Tensor, other: Tensor, u: Tensor, weight: Tensor) -> Float[
     area = norm(element.movedim(-1, 0))
     normal = guarded_divide(element, area.unsqueeze(-1).expand_as(element))
     polygon = other.permute(2, 1, 0)[:, None, None].expand(*point.shape[:3], -1, 3)
-    light = polygon_irradiance(point, normal, polygon)
+    light = polygon_irradiance(point, normal, polygon, rounding=rtol / 64)
     return (light * area * weight.unsqueeze(-1) * across).sum((1, 2))
 
 
