@@ -1,8 +1,9 @@
 """Patches of one size, of different sizes, gathered light: `python -m tests.benchmarks.patches`.
 
 Relative L1 error of pictures (64 x 48, one ray a pixel) against patches of a quarter of a metre,
-which are interpolated, in the same run: the Cornell-like room, and a crate on a floor of 6 m under
-the sun. Direct light is the same in all of them. Seconds are the processor's.
+which are interpolated, in the same run: the Cornell-like room, a crate on a floor of 6 m under
+the sun, three rooms of which two are seen, and a white niche in a black wall (against an eighth of
+a metre). Direct light is the same in all of them. Seconds are the processor's.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import replace
 
 import torch
 
+from tests.benchmarks.blind_scenes import alcove, three_rooms
 from torchradiometry import (
     DirectionalSource,
     Picture,
@@ -45,11 +47,15 @@ def error(picture: Picture, reference: Picture) -> float:
 
 
 @torch.no_grad()
-def print_rows(name: str, scene: Scene, gather: float) -> None:
-    """Some lines of the table; `gather`: patch size of the gathered picture, m."""
+def print_rows(name: str, scene: Scene, gather: float, fine: float = 0.25) -> None:
+    """Some lines of the table; patch sizes of the gathered picture and of the reference, m."""
     camera = scene.cameras[0]
-    reference = render_scene(scene, camera, FINE)
+    reference = render_scene(scene, camera, replace(FINE, patch_size=fine))
     ways = {f"{size:g} m": replace(FINE, patch_size=size) for size in SIZES}
+    ways |= {
+        f"{size:g} m, by importance": replace(FINE, patch_size=size, importance=True)
+        for size in SIZES
+    }
     ways |= {
         f"2 m, split to {100 * goal:g} %": replace(FINE, patch_size=2.0, patch_error=goal)
         for goal in ERRORS
@@ -68,6 +74,8 @@ def main() -> None:
     print("| scene | patches up to | patches | error | s |\n|---|---|---|---|---|")
     print_rows("crate", crate_on_a_floor(), 2.0)
     print_rows("room", cornell_like_room(width=64, height=48), 1.6)
+    print_rows("three rooms", three_rooms(64, 48), 1.6)
+    print_rows("niche", alcove(64, 48), 1.0, 0.125)
 
 
 if __name__ == "__main__":

@@ -74,6 +74,8 @@ ELSEWHERE: dict[str, str] = {
     "scene.sphere": "tests/scene/test_build.py",
     "scene.surface_from_trimesh": "tests/scene/test_load.py",
     "render.RenderSettings": _VISIBLE,
+    "render.backwards": "tests/render/test_importance.py",
+    "render.relative_sizes": "tests/render/test_importance.py",
     "render.emitter_weights": "tests/render/test_view.py",
     "render.lobe_light": _PARTS,
     "render.look_along_lobes": _PARTS,

@@ -139,7 +139,7 @@ def test_a_hanging_vertex_takes_the_mean_of_its_edge() -> None:
         torch.tensor([True, False]),
     )
     kind = torch.zeros(5, dtype=torch.int64)
-    welding = weld_patches(patches.corners, kind, torch.zeros(5, 3), 1.0, patches.levels)
+    welding = weld_patches(patches.corners, kind, 1.0, patches.levels)
     assert welding.vertices == 7
     assert len(welding.hanging) == 1
     value = patches.corners.mean(1)[:, :1]

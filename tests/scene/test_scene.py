@@ -180,6 +180,8 @@ def test_textures_refuse() -> None:
 def test_scenes_refuse() -> None:
     with pytest.raises(DTypeError, match="Surfaces"):
         Scene(("wall",))
+    with pytest.raises(DTypeError, match="a Surface; pass a tuple of Surfaces"):
+        Scene(quad("alone", SQUARE))
     with pytest.raises(DTypeError, match="AbstractSource"):
         Scene(sources=(1,))
     with pytest.raises(ShapeError, match="channels"):

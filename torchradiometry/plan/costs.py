@@ -29,6 +29,7 @@ from torchradiometry.render.indirect import MOST_DENSE
 from torchradiometry.render.picture import develop, view_scene
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.standard import STANDARD_SCENES
+from torchradiometry.transport.visibility import TRIALS
 
 __all__ = ["Costs", "calibrate", "counts", "stored_costs"]
 
@@ -53,7 +54,7 @@ MICROSECONDS = {
     "pair": 0.6,
     "facing pair": 1.2,
     "doubtful pair": 3,
-    "clustered patch": 800,
+    "clustered patch": 2400,
     "bounce pair": 0.002,
     "picture": 1000,
     "bounce": 100,
@@ -64,12 +65,15 @@ DEFAULT = {name: price / 1_000_000 for name, price in MICROSECONDS.items()}
 WEAKLY = 0.05
 #: largest logarithm of a price over the default's
 FARTHEST = 3.0
-#: pairs of patches that something may stand between, for each pair of points that it hides
-PARTLY = 4
+#: pairs of patches that see each other in part, x size of the patches as a part of the scene's
+#: half diagonal, for each root of the share of pairs of points that are hidden from each other
+PARTLY = 2.7
+#: entries of a matrix that take as long as a patch in a tree of clusters
+CLUSTERS = 12000
 #: points of a patch that are lit directly
 LIT = 16
 #: pictures that prices are fitted to: scene, size, settings
-TRIALS = (
+PICTURES = (
     ("ball", 64, RenderSettings(bounces=0, shadow_samples=0)),
     ("ball", 192, RenderSettings(bounces=0, shadow_samples=0)),
     ("crate", 128, RenderSettings(bounces=0)),
@@ -77,12 +81,13 @@ TRIALS = (
     ("cornell", 96, RenderSettings(bounces=0, penumbra=False)),
     ("cornell", 96, RenderSettings(bounces=0)),
     ("columns", 32, RenderSettings(bounces=0)),
-    ("groove", 32, RenderSettings(patch_size=0.25)),
-    ("white room", 32, RenderSettings(patch_size=1.5)),
-    ("cornell", 32, RenderSettings(patch_size=2.0)),
-    ("cornell", 32, RenderSettings(patch_size=1.0, bounces=16)),
-    ("two rooms", 32, RenderSettings(patch_size=1.5, bounces=48)),
-    ("columns", 16, RenderSettings(patch_size=1.0, bounces=4, penumbra=False)),
+    ("groove", 32, RenderSettings(patch_size=0.25, importance=True)),
+    ("white room", 32, RenderSettings(patch_size=1.5, importance=True)),
+    ("cornell", 32, RenderSettings(patch_size=2.0, importance=True)),
+    ("cornell", 32, RenderSettings(patch_size=1.0, importance=True, bounces=16)),
+    ("cornell", 16, RenderSettings(patch_size=0.7, importance=True, penumbra=False)),
+    ("two rooms", 32, RenderSettings(patch_size=1.5, importance=True, bounces=48)),
+    ("columns", 16, RenderSettings(patch_size=0.7, importance=True, penumbra=False)),
     ("shiny table", 32, RenderSettings(bounces=0, lobe_samples=32)),
 )
 
@@ -148,13 +153,17 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     lobes = shiny * max(settings.lobe_samples, side**2)
     once = replace(settings, shadow_samples=min(1, settings.shadow_samples))
     balance = SAMPLE if settings.ambient and settings.bounces == 0 else 0
-    count = pilot.patch_count(settings.patch_size) if settings.patch_size else 0.0
-    count = count if settings.bounces else 0.0
+    size = settings.patch_size if settings.bounces else None
+    count = pilot.patch_count(size, settings.importance) if size else 0.0
     dense = count <= MOST_DENSE
     pairs = count**2 / 2 * dense
-    facing, blocked = pilot.mutual
-    # what hides some pairs hides others in part; among many blockers no pair is certain
-    doubtful = min(1.0, PARTLY * blocked) if pilot.world.blockers is not None else 1.0
+    facing, blocked = pilot.mutual(size, settings.importance) if size else (0.0, 0.0)
+    # what hides some pairs hides others in part, along its edges; among many blockers no pair
+    # is certain
+    blockers = pilot.world.blockers
+    few = blockers is not None and len(blockers) <= TRIALS * settings.pair_samples
+    partly = PARTLY * math.sqrt(blocked) * (size or 0.0) / pilot.world.rays.scale
+    doubtful = min(1.0, partly) if few else 1.0
     batches = 1.0 if side == 1 else 4.0
     return {
         "prepare": {"start": 1.0, "triangle": float(len(pilot.world.triangles.surface))},
@@ -178,7 +187,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
             "picture": 1.0,
             "bounce": float(settings.bounces),
             "surface point": points + balance,
-            "bounce pair": (count**2 if dense else 64 * count) * (settings.bounces + 1),
+            "bounce pair": (count**2 if dense else CLUSTERS * count) * (settings.bounces + 1),
         },
     }
 
@@ -204,7 +213,7 @@ def _lit(
         "polygon point": polygons * points * (1.0 if settings.extent else 0.3),
         "shadow ray": points * shaded * (lamps + rays * pilot.facing),
         "clipped view": points * polygons * (clipped > 0),
-        "clipped point": points * clipped * pilot.shaded,
+        "clipped point": points * polygons * pilot.between if clipped > 0 else 0.0,
     }
 
 
@@ -233,14 +242,14 @@ def calibrate(
         progress: called with the share that is done.
     """
     rows: list[tuple[dict[str, float], float]] = []
-    for number, (name, size, settings) in enumerate((TRIALS[0], *TRIALS)):
+    for number, (name, size, settings) in enumerate((PICTURES[0], *PICTURES)):
         scene = STANDARD_SCENES[name](size, size * 3 // 4)
         view = view_scene(scene, scene.cameras[0], settings)
         seconds = develop(view, scene).seconds
         found = counts(Pilot(scene, scene.cameras[0]), settings)
         # the first one is made twice: once to warm up
         rows += [(causes, seconds[stage]) for stage, causes in found.items() if number]
-        progress((number + 1) / (len(TRIALS) + 1))
+        progress((number + 1) / (len(PICTURES) + 1))
     count = [[causes.get(cause, 0.0) for cause in DEFAULT] for causes, _ in rows]
     fitted = _fitted(
         torch.tensor(count, dtype=torch.float64),

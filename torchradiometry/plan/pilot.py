@@ -21,7 +21,8 @@ import torch
 from torch import Tensor
 
 from torchradiometry.geometry.cameras import AbstractCamera
-from torchradiometry.numerics import guarded_divide
+from torchradiometry.geometry.patches import vector_area
+from torchradiometry.numerics import guarded_divide, safe_normalize
 from torchradiometry.plan.highlights import Highlights, look_at_highlights
 from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
 from torchradiometry.plan.resolution import bends
@@ -34,15 +35,18 @@ from torchradiometry.render.direct import (
     small_source_irradiance,
     unblocked_irradiance,
 )
+from torchradiometry.render.importance import Visits, relative_sizes
+from torchradiometry.render.indirect import patch_splits
 from torchradiometry.render.points import Receivers, SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
 from torchradiometry.scene.scene import Scene
 from torchradiometry.transport.blockers import possible_blockers
-from torchradiometry.transport.rules import sequence
+from torchradiometry.transport.rules import sample_patches, sequence
+from torchradiometry.transport.visible_parts import blockers_between
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
+    from jaxtyping import Bool, Float, Int
 
 __all__ = ["Pilot"]
 
@@ -52,8 +56,8 @@ PIXELS, MORE = 512, 2048
 MOST_TESTS = 2**24
 #: shadow rays of a point to all shining polygons, and at least to each, where nothing is left out
 SHADOWS, EACH = 8, 4
-#: other points that each point of the surfaces is paired with
-PAIRS = 4
+#: pairs of patches that are looked at
+PAIRS = 1024
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
@@ -92,7 +96,8 @@ class Pilot:
         self.world: World = prepare(scene, RenderSettings())
         self._known: dict[RenderSettings, _Lit] = {}
         self._open: dict[bool, Tensor] = {}
-        self._counts: dict[float, float] = {}
+        self._counts: dict[tuple[float, bool], float] = {}
+        self._mutual: dict[tuple[int, bool], tuple[float, float]] = {}
         self.lit_world = thinned(self.world)
         polygons = max(1, len(self.lit_world.emitters.corners))
         #: how direct light is evaluated where nothing is left out
@@ -104,10 +109,12 @@ class Pilot:
         return on_surfaces(self.world, 256, self.seed)
 
     @cached_property
-    def edges(self) -> Float[Tensor, "face"]:
-        """Longest edge of every one-sided face, m."""
-        corners = self.world.faces.corners
-        return (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
+    def relative_sizes(self) -> Float[Tensor, "face"]:
+        """Size of the patches of every one-sided face: importance, see `RenderSettings`."""
+        if self.camera is None:
+            return self.world.normal.new_ones(len(self.world.faces.corners))
+        where, _ = self.looks
+        return relative_sizes(self.world, Visits(where, torch.ones_like(where.position[:, 0])))
 
     @cached_property
     def blocks(self) -> bool:
@@ -143,7 +150,7 @@ class Pilot:
     @cached_property
     def looks(self) -> tuple[SurfacePoints, Bool[Tensor, "look pixel"]]:
         """What the rays of all pilot pixels meet, and whether it is a surface that counts."""
-        generator = torch.Generator().manual_seed(self.seed)
+        generator = self._generator()
         like = self.world.triangles.corners
         if self.camera is None:
             sample = self.surfaces
@@ -151,9 +158,7 @@ class Pilot:
             third = torch.full((count, 3), 1 / 3).to(like)
             receivers = sample.receivers
             # without an eye every point is seen along its normal
-            where = SurfacePoints(
-                sample.triangle, sample.triangle, third, *receivers, receivers.normal
-            )
+            where = SurfacePoints(sample.triangle, sample.face, third, *receivers, receivers.normal)
             met = (sample.weight > 0).unsqueeze(0)
         else:
             size = like.new_tensor([self.camera.width, self.camera.height])
@@ -218,19 +223,36 @@ class Pilot:
         return float((small_source_irradiance(position, normal, polygons) > 0).double().mean())
 
     @cached_property
-    def mutual(self) -> tuple[float, float]:
-        """Share of pairs of points of the surfaces that face each other, and of those the share
-        that something stands between.
+    def between(self) -> float:
+        """How many blockers may come between a pilot point and a shining polygon, in the mean."""
+        polygons, blockers = self.lit_world.emitters.corners, self.lit_world.blockers
+        if not len(polygons) or blockers is None or not len(self.points.face):
+            return 0.0
+        position, normal = (t[::4].unsqueeze(1) for t in self.points.receivers[:2])
+        return blockers_between(position, normal, polygons, blockers)
+
+    def mutual(self, size: float, importance: bool) -> tuple[float, float]:
+        """Share of pairs of patches that face each other, and of those the share that something
+        stands between, by points of some patches of about that size (m).
         """
-        points, rays = self.surfaces.receivers, self.world.rays
-        count = len(points.position)
-        generator = torch.Generator().manual_seed(self.seed)
-        other = torch.randint(count, (PAIRS * count,), generator=generator)
-        here, there = points.take(torch.arange(count).repeat(PAIRS)), points.take(other)
-        way = there.position - here.position
-        front = ((way * here.facet).sum(-1) > 0) & ((way * there.facet).sum(-1) < 0)
-        here, there = here.take(front), there.take(front)
-        ends = (rays.lift(end.position, end.facet) for end in (here, there))
+        octave = round(math.log2(self.world.rays.scale / size)), importance
+        if octave not in self._mutual:
+            self._mutual[octave] = self._pairs(
+                self.world.rays.scale * 2.0 ** -octave[0], importance
+            )
+        return self._mutual[octave]
+
+    def _pairs(self, size: float, importance: bool) -> tuple[float, float]:
+        faces, rays = self.world.faces.corners, self.world.rays
+        reached = self._splits(size, importance).square().cumsum(0)
+        where = torch.rand(2 * PAIRS, 3, generator=self._generator(), dtype=torch.float64).to(faces)
+        face = torch.searchsorted(reached, (where[:, 0] * reached[-1]).contiguous(), right=True)
+        face = face.clamp(max=len(faces) - 1)
+        here, there = sample_patches(faces[face], where[:, 1:]).chunk(2)
+        one, other = safe_normalize(vector_area(faces))[face].chunk(2)
+        way = there - here
+        front = ((way * one).sum(-1) > 0) & ((way * other).sum(-1) < 0)
+        ends = (rays.lift(here[front], one[front]), rays.lift(there[front], other[front]))
         blocked = (~rays.visible(*ends)).double().mean() if bool(front.any()) else 0.0
         return float(front.double().mean()), float(blocked)
 
@@ -325,9 +347,9 @@ class Pilot:
         return error + reflected * wrong / power
 
     @cached_property
-    def _bends(self) -> tuple[Float[Tensor, "point"], Float[Tensor, "point"]]:
-        """What coarse patches miss at some points, relative to their mean light, and their faces'
-        longest edges, m.
+    def _bends(self) -> tuple[Tensor, Tensor, Tensor]:
+        """What coarse patches miss at some points, relative to their mean light, their faces'
+        longest edges, m, and the relative sizes of patches there.
         """
         points = self.points
         bend, some = bends(self.lit_world, points, COARSE * self.world.rays.scale)
@@ -335,22 +357,27 @@ class Pilot:
         corners = self.world.triangles.corners[some.triangle]
         edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
         mean = self.light / max(1, len(points.face))
-        return (albedo * bend).sum(-1) / mean, edge
+        return (albedo * bend).sum(-1) / mean, edge, self.relative_sizes[some.face]
 
-    def patch_count(self, size: float) -> float:
+    def patch_count(self, size: float, importance: bool) -> float:
         """How many patches that size (m) makes: the renderer's own grid, counted."""
-        if size not in self._counts:
-            splits = (self.edges / size - 2.0**-20).ceil().clamp(min=1)
-            self._counts[size] = float(splits.square().sum())
-        return self._counts[size]
+        if (size, importance) not in self._counts:
+            self._counts[size, importance] = float(self._splits(size, importance).square().sum())
+        return self._counts[size, importance]
+
+    def _generator(self) -> torch.Generator:
+        return torch.Generator().manual_seed(self.seed)
+
+    def _splits(self, size: float, importance: bool) -> Int[Tensor, "face"]:
+        return patch_splits(self.world, size * self.relative_sizes if importance else size)
 
     def patch_error(self, size: float) -> float:
-        """Relative L1 error by patches of that longest edge, m."""
+        """Relative L1 error by patches of that longest edge, m, where importance is even."""
         if self.light <= 0 or self.reflections.decay <= 0:
             return 0.0
-        bend, edge = self._bends
+        bend, edge, relative = self._bends
         coarse = torch.clamp(edge, max=COARSE * self.world.rays.scale)
-        each = bend * (torch.clamp(edge, max=size) / coarse) ** POWER
+        each = bend * (torch.minimum(edge, size * relative) / coarse) ** POWER
         bent = BLUR * (float(each.mean()) + float(each.std()) / math.sqrt(max(1, len(each))))
         share = float((self.albedo * self.reflections.irradiance).sum()) / self.light
         return bent + self.blocks * share * PARTLY * (size / self.world.rays.scale) ** 2

@@ -7,6 +7,7 @@ from torchradiometry.render.direct import (
     lamp_irradiance,
     sky_visibility,
 )
+from torchradiometry.render.importance import Visits, backwards, relative_sizes
 from torchradiometry.render.indirect import Exchange, Indirect, solve_exchange
 from torchradiometry.render.lobes import Lobes, lobe_light, look_along_lobes
 from torchradiometry.render.picture import (
@@ -29,8 +30,10 @@ __all__ = [
     "Receivers",
     "RenderSettings",
     "View",
+    "Visits",
     "World",
     "adaptive_exchange",
+    "backwards",
     "develop",
     "direct_irradiance",
     "emitter_weights",
@@ -40,6 +43,7 @@ __all__ = [
     "look_along_lobes",
     "patch_errors",
     "prepare",
+    "relative_sizes",
     "render_scene",
     "sky_visibility",
     "solve_exchange",

@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.numerics import guarded_divide
+from torchradiometry.render.importance import EVERYWHERE, Visits, backwards
 from torchradiometry.render.indirect import (
     Exchange,
     Indirect,
@@ -31,7 +32,6 @@ from torchradiometry.render.indirect import (
     solve_exchange,
 )
 from torchradiometry.render.lattice import spread
-from torchradiometry.render.points import SurfacePoints
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.subdivision import find, refine
 from torchradiometry.render.world import World
@@ -46,14 +46,12 @@ __all__ = ["adaptive_exchange", "patch_errors"]
 MARKED = 0.7
 #: rounds at most
 ROUNDS = 8
-#: weight of what the camera does not see, beside what it sees
-UNSEEN = 0.25
 #: share of its own variation of direct light that a patch passes on to what is near it
 PASSED = 0.1
 
 
 def adaptive_exchange(
-    world: World, settings: RenderSettings, seen: SurfacePoints | None = None
+    world: World, settings: RenderSettings, seen: Visits | None = None
 ) -> Exchange:
     """Patches of one size, or split until `settings.patch_error` is met.
 
@@ -66,7 +64,7 @@ def adaptive_exchange(
     Raises:
         ResourceLimitError: already the first patches exceed the budget.
     """
-    exchange = exchange_between(world, first_patches(world, settings), settings)
+    exchange = exchange_between(world, first_patches(world, settings, seen), settings)
     if settings.patch_error is None:
         return exchange
     for _ in range(ROUNDS):
@@ -82,7 +80,7 @@ def adaptive_exchange(
 
 @torch.no_grad()
 def _estimate(
-    world: World, exchange: Exchange, settings: RenderSettings, seen: SurfacePoints | None
+    world: World, exchange: Exchange, settings: RenderSettings, seen: Visits | None
 ) -> Float[Tensor, "patch"]:
     triangles = type(world.triangles)(*(t.detach() for t in world.triangles))
     return patch_errors(world, solve_exchange(world, exchange, triangles, settings), seen)
@@ -90,7 +88,7 @@ def _estimate(
 
 @torch.no_grad()
 def patch_errors(
-    world: World, indirect: Indirect, seen: SurfacePoints | None = None
+    world: World, indirect: Indirect, seen: Visits | None = None
 ) -> Float[Tensor, "patch"]:
     """What each patch adds to the relative L1 error of the picture, estimated.
 
@@ -118,15 +116,16 @@ def _importance(
     world: World,
     exchange: Exchange,
     area: Float[Tensor, "patch"],
-    seen: SurfacePoints | None,
+    seen: Visits | None,
 ) -> Float[Tensor, "patch"]:
-    """How much a patch counts: by its area, and by how many rays of the camera meet it."""
+    """How much a patch counts: by its area, and by how much of the picture comes from it."""
     share = area / area.sum()
-    if seen is None or len(seen.face) == 0:
+    if seen is None or len(seen.weight) == 0:
         return share
-    patch, _ = find(exchange.subdivision, seen.face, seen.on_face(world))
-    count = torch.bincount(patch, minlength=len(area)).to(area)
-    return count / count.sum() + UNSEEN * share
+    points, weight = backwards(world, seen)
+    patch, _ = find(exchange.subdivision, points.face, points.on_face(world))
+    found = torch.zeros_like(area).index_add(0, patch, weight.to(area))
+    return guarded_divide(found, found.sum().expand_as(found)) + EVERYWHERE * share
 
 
 def _slopes(

@@ -49,12 +49,14 @@ class SurfaceSample(NamedTuple):
     Attributes:
         receivers: the points.
         triangle: which one a point lies on.
+        face: which one-sided face of it.
         view: h, 0..1.
         weight: 1; 0 for points inside of bodies.
     """
 
     receivers: Receivers
     triangle: Int[Tensor, "point"]
+    face: Int[Tensor, "point"]
     view: Float[Tensor, "point"]
     weight: Float[Tensor, "point"]
 
@@ -96,7 +98,7 @@ def on_surfaces(world: World, points: int = POINTS, seed: int = 0) -> SurfaceSam
     buried = back.all(-1)
     sample = Receivers(position, normal, normal)
     view = front.to(corners).mean(-1)
-    return SurfaceSample(sample, world.faces.triangle[face], view, (~buried).to(corners))
+    return SurfaceSample(sample, world.faces.triangle[face], face, view, (~buried).to(corners))
 
 
 def ambient_exchange(world: World, settings: RenderSettings) -> AmbientExchange:

@@ -31,6 +31,7 @@ from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide
 from torchradiometry.render.direct import emitter_weights, lamp_irradiance
 from torchradiometry.render.exposure import Exposure, exposure_of
+from torchradiometry.render.importance import Visits, relative_sizes
 from torchradiometry.render.lattice import (
     Welding,
     build_lattice,
@@ -64,6 +65,7 @@ __all__ = [
     "indirect_at",
     "operator_between",
     "patch_size_of",
+    "patch_splits",
     "reflected_irradiance",
     "solve_exchange",
 ]
@@ -76,8 +78,6 @@ PAIR_ERROR = 1e-2
 CLUSTER_ERROR = 0.01
 #: patches above which a tree is made: of bodies sooner than a matrix, of rooms in less memory
 MOST_DENSE = 6000
-#: a triangle is flat if its shading normals deviate from its plane by less (cosine)
-FLAT = 1 - 2.0**-12
 
 
 class Exchange(NamedTuple):
@@ -141,13 +141,28 @@ def patch_size_of(world: World, settings: RenderSettings) -> float:
     return settings.patch_size or world.rays.scale * PATCH_SHARE
 
 
-def first_patches(world: World, settings: RenderSettings) -> Subdivision:
-    """The grid of all faces, no edge longer than the patch size."""
-    corners = world.faces.corners
-    edge = (corners.detach() - corners.detach().roll(-1, 1)).norm(dim=-1).amax(-1)
+def patch_splits(world: World, size: float | Float[Tensor, "face"]) -> Int[Tensor, "face"]:
+    """In how many parts the edges of each face are cut, so that none is longer than `size` (m)."""
+    corners = world.faces.corners.detach()
+    edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
     # an edge that is a whole multiple of the patch size to rounding is not split again
-    splits = (edge / patch_size_of(world, settings) - 2.0**-20).ceil().clamp(min=1).long()
-    return unrefined(build_lattice(corners, splits))
+    return (edge / size - 2.0**-20).ceil().clamp(min=1).long()
+
+
+def first_patches(
+    world: World, settings: RenderSettings, seen: Visits | None = None
+) -> Subdivision:
+    """The grid of all faces, no edge longer than the patch size.
+
+    Args:
+        world: a prepared scene.
+        settings: patch size, and whether it follows importance.
+        seen: what a camera looks at; None: everything, alike.
+    """
+    size: float | Tensor = patch_size_of(world, settings)
+    if settings.importance and seen is not None:
+        size = size * relative_sizes(world, seen)
+    return unrefined(build_lattice(world.faces.corners, patch_splits(world, size)))
 
 
 def exchange_between(
@@ -174,7 +189,12 @@ def exchange_between(
     weights, lamps = _direct(world, settings, patches, exposure)
     return Exchange(
         subdivision,
-        _welded(world, subdivision, triangle),
+        weld_patches(
+            subdivision.corners,
+            world.parts[subdivision.face],
+            world.rays.scale,
+            subdivision.levels,
+        ),
         patches,
         triangle,
         exposure,
@@ -254,17 +274,6 @@ def _over_free(
 ) -> Float[Tensor, "patch column"]:
     weight = exposure.free.to(value).unsqueeze(-1)
     return guarded_divide((value * weight).sum(1), weight.sum(1))
-
-
-def _welded(world: World, subdivision: Subdivision, triangle: Int[Tensor, "patch"]) -> Welding:
-    """Flat patches share vertices within their plane, smooth ones on either side of their mesh."""
-    triangles = world.triangles
-    flat = (triangles.normals * world.normal.unsqueeze(1)).sum(-1).amin(-1) > FLAT
-    side = torch.where(subdivision.face < len(triangles.surface), 1.0, -1.0).to(world.normal)
-    side = side.unsqueeze(-1)
-    key = torch.where(flat[triangle].unsqueeze(-1), world.normal[triangle] * side, 4 * side)
-    surface, scale = triangles.surface[triangle], world.rays.scale
-    return weld_patches(subdivision.corners, surface, key, scale, subdivision.levels)
 
 
 def solve_exchange(

@@ -131,25 +131,19 @@ def locate(
 
 
 def weld(
-    position: Float[Tensor, "vertex 3"],
-    surface: Int[Tensor, "vertex"],
-    normal: Float[Tensor, "vertex 3"],
-    scale: float,
+    position: Float[Tensor, "vertex 3"], part: Int[Tensor, "vertex"], scale: float
 ) -> Int[Tensor, "vertex"]:
     """One number for all vertices that share their value.
 
     Args:
         position: m.
-        surface: vertices of different surfaces are never shared.
-        normal: of the plane of a flat triangle; any one vector for all triangles of a smooth
-            mesh.
+        part: vertices of different flat or smooth parts are never shared.
         scale: size of the scene, m.
     """
     low = position.detach().amin(0) if len(position) else 0.0
     # a shift by 0.37 keeps round numbers away from the borders of the rounding
     place = ((position.detach() - low) / (scale * WELD) + 0.37).floor()
-    plane = (normal.detach() * 256 + 0.37).floor()
-    key = torch.cat((surface.unsqueeze(-1).to(place), place, plane), -1).long()
+    key = torch.cat((part.unsqueeze(-1).to(place), place), -1).long()
     return torch.unique(key, dim=0, return_inverse=True)[1]
 
 
@@ -172,19 +166,13 @@ class Welding(NamedTuple):
 
 
 def weld_patches(
-    corners: Float[Tensor, "patch 3 3"],
-    surface: Int[Tensor, "patch"],
-    normal: Float[Tensor, "patch 3"],
-    scale: float,
-    levels: int = 0,
+    corners: Float[Tensor, "patch 3 3"], part: Int[Tensor, "patch"], scale: float, levels: int = 0
 ) -> Welding:
     """The vertices of patches; arguments as of `weld`, `levels` of different sizes."""
     parts = [corners, (corners + corners.roll(-1, 1)) / 2] if levels else [corners]
     position = torch.cat(parts).reshape(-1, 3)
-    kind, plane = (
-        t.repeat_interleave(3, 0).repeat(len(parts), 1) for t in (surface[:, None], normal)
-    )
-    number = weld(position, kind.squeeze(-1), plane, scale).reshape(-1, 3)
+    kind = part.repeat_interleave(3).repeat(len(parts))
+    number = weld(position, kind, scale).reshape(-1, 3)
     used, corner = torch.unique(number[: len(corners)], return_inverse=True)
     if not levels:
         return Welding(corner, len(used), used[:0], corner[:0, :2], 0)

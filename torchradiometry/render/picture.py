@@ -33,6 +33,7 @@ from torchradiometry.render.ambient import (
     ambient_irradiance,
 )
 from torchradiometry.render.gather import gather_weights
+from torchradiometry.render.importance import Visits
 from torchradiometry.render.indirect import Exchange, Indirect, indirect_at, solve_exchange
 from torchradiometry.render.lobes import Lobes, lobe_light, look_along_lobes
 from torchradiometry.render.pixels import Samples, camera_samples, pixel_means
@@ -147,7 +148,7 @@ def view_scene(
     clock.append(time.perf_counter())
     exchange = None
     if settings.bounces > 0:
-        exchange = adaptive_exchange(world, settings, samples.points)
+        exchange = adaptive_exchange(world, settings, Visits(samples.points, samples.share))
     ambient = None
     if settings.ambient and settings.bounces == 0:
         ambient = ambient_exchange(world, settings)

@@ -23,6 +23,8 @@ class RenderSettings:
         patch_error: relative L1 error that patches may cause; they are then split where
             reflected light bends, starting from `patch_size`, until the estimate meets it or
             `budget` is spent. None: all patches have the same size.
+        importance: True lets patches be larger than `patch_size` where the camera hardly looks and
+            little light comes from, and smaller where it looks most.
         supersampling: rays along each side of a pixel in which the picture changes, >= 1; four
             times as many at the edge of an emitter. Other pixels get one ray.
         shadow_samples: shadow rays to each emitting polygon, >= 1; four times as many in
@@ -52,6 +54,7 @@ class RenderSettings:
     ambient_tail: bool = True
     patch_size: float | None = None
     patch_error: float | None = None
+    importance: bool = False
     supersampling: int = 2
     shadow_samples: int = 4
     penumbra: bool = True

@@ -43,6 +43,8 @@ CLIPPED = 64
 LARGE = 2**12
 #: points that are asked first which triangles can block
 FEW = 64
+#: a triangle is flat if its shading normals deviate from its plane by less (cosine)
+FLAT = 1 - 2.0**-12
 
 
 class Faces(NamedTuple):
@@ -105,6 +107,23 @@ class World(NamedTuple):
         area = torch.linalg.cross(b - a, c - a).norm(dim=-1)
         whole = ((a + b + c) / 3 * area.unsqueeze(-1)).sum(0)
         return guarded_divide(whole, area.sum())
+
+    @property
+    def parts(self) -> Int[Tensor, "face"]:
+        """Which flat or smooth part of a surface each one-sided face belongs to, 0...
+
+        Faces of one surface are of one part if they are flat and have one normal, or if they lie
+        on the same side of its smooth ones.
+        """
+        triangle, triangles = self.faces.triangle, self.triangles
+        flat = (triangles.normals * self.normal.unsqueeze(1)).sum(-1).amin(-1) > FLAT
+        front = torch.arange(len(triangle), device=triangle.device) < len(triangles.surface)
+        side = torch.where(front, 1.0, -1.0).to(self.normal).unsqueeze(-1)
+        plane = torch.where(flat[triangle].unsqueeze(-1), self.normal[triangle] * side, 4 * side)
+        # a shift by 0.37 keeps round numbers away from the borders of the rounding
+        plane = (plane.detach() * 256 + 0.37).floor()
+        key = torch.cat((triangles.surface[triangle].unsqueeze(-1).to(plane), plane), -1)
+        return torch.unique(key.long(), dim=0, return_inverse=True)[1]
 
     def glow(self, triangles: Triangles) -> Float[Tensor, "emitter channel"]:
         """Radiance of the emitters, W/m2/sr, in float64.

@@ -7,6 +7,7 @@ in world space; there is no hierarchy left.
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -85,7 +86,11 @@ class Scene:
     def __post_init__(self) -> None:
         kinds = {"surfaces": Surface, "sources": AbstractSource, "cameras": AbstractCamera}
         for name, kind in kinds.items():
-            members = tuple(getattr(self, name))
+            members = getattr(self, name)
+            if not isinstance(members, Iterable):
+                got = f"a {type(members).__name__}"
+                raise DTypeError(f"scene.{name}", got, f"pass a tuple of {kind.__name__}s")
+            members = tuple(members)
             object.__setattr__(self, name, members)
             for member in members:
                 if not isinstance(member, kind):

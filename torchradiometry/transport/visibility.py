@@ -42,7 +42,7 @@ from torchradiometry.transport.shafts import certain_pairs
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 
-__all__ = ["PairVisibility", "pair_visibility", "possible_blockers"]
+__all__ = ["TRIALS", "PairVisibility", "pair_visibility", "possible_blockers"]
 
 #: segments that are drawn at a time
 BLOCK = 2**19

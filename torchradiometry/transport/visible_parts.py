@@ -46,7 +46,7 @@ from torchradiometry.transport.convex_pieces import joined, split, subtract
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
 
-__all__ = ["VisibleParts", "visible_irradiance", "visible_polygon"]
+__all__ = ["VisibleParts", "blockers_between", "visible_irradiance", "visible_polygon"]
 
 #: views that are taken at a time, and numbers that the search for their blockers may hold
 VIEWS, BLOCK = 2**13, 2**21
@@ -203,6 +203,23 @@ def visible_polygon(
     corners, view = joined(found), torch.cat(owner)
     order = view.argsort(stable=True)
     return VisibleParts(corners[..., order].permute(2, 1, 0).to(dtype), view[order])
+
+
+@torch.no_grad()
+def blockers_between(
+    position: Float[Tensor, "*batch 3"],
+    normal: Float[Tensor, "*batch 3"],
+    polygon: Float[Tensor, "*batch corner 3"],
+    blockers: Float[Tensor, "blocker side 3"],
+) -> float:
+    """How many blockers may come between a point and a polygon that lights it, in the mean.
+
+    Arguments as of `visible_irradiance`; points that a polygon does not light count as 0.
+    """
+    views, screens, margin = _prepared(position, normal, polygon, blockers, None)
+    lit = polygon_irradiance(views.position, views.normal, views.polygon) > 0
+    found = [_between(views.chosen(b), screens, margin).sum(-1) for b in _blocks(views, screens)]
+    return float((torch.cat(found) * lit).sum()) / max(1, len(lit))
 
 
 def _prepared(

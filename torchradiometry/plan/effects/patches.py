@@ -2,7 +2,7 @@
 
 The pilot looks how much reflected light bends within coarse patches (`resolution`). The error
 falls about in proportion to the longest edge, where faces are larger than that; smaller faces stay
-as they are.
+as they are. Patches follow importance where there is a camera (`render.importance`).
 """
 
 from __future__ import annotations
@@ -35,11 +35,10 @@ class PatchSize(AbstractEffect):
         for parts in PARTS:
             size = scale / parts
             error = pilot.patch_error(size)
-            count = pilot.patch_count(size)
+            count = pilot.patch_count(size, True)
             clustered = CLUSTER_ERROR if count > MOST_DENSE else 0.0
-            levels.append(
-                Level(f"{size:.3g} m", error + clustered, "estimate", {"patch_size": size})
-            )
+            chosen = {"patch_size": size, "importance": pilot.camera is not None}
+            levels.append(Level(f"{size:.3g} m", error + clustered, "estimate", chosen))
         kept = levels[:1]
         for level in levels[1:]:
             if level.error < kept[-1].error:
@@ -49,5 +48,5 @@ class PatchSize(AbstractEffect):
     def why(self, pilot: Pilot, level: Level) -> str:
         if level.name == "none":
             return "no light is exchanged"
-        size = level.settings["patch_size"]
-        return f"about {pilot.patch_count(float(size or 0)):.0f} patches"
+        chosen = level.settings
+        return f"about {pilot.patch_count(chosen['patch_size'], chosen['importance']):.0f} patches"
