@@ -154,15 +154,15 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
     once = replace(settings, shadow_samples=min(1, settings.shadow_samples))
     balance = SAMPLE if settings.ambient and settings.bounces == 0 else 0
     size = settings.patch_size if settings.bounces else None
-    count = pilot.patch_count(size, settings.importance) if size else 0.0
+    count = pilot.patching.count(size, settings.importance) if size else 0.0
     dense = count <= MOST_DENSE
     pairs = count**2 / 2 * dense
-    facing, blocked = pilot.mutual(size, settings.importance) if size else (0.0, 0.0)
+    facing, hidden = pilot.patching.pairs(size, settings.importance) if size else (0.0, 0.0)
     # what hides some pairs hides others in part, along its edges; among many blockers no pair
     # is certain
     blockers = pilot.world.blockers
     few = blockers is not None and len(blockers) <= TRIALS * settings.pair_samples
-    partly = PARTLY * math.sqrt(blocked) * (size or 0.0) / pilot.world.rays.scale
+    partly = PARTLY * math.sqrt(hidden) * (size or 0.0) / pilot.world.rays.scale
     doubtful = min(1.0, partly) if few else 1.0
     batches = 1.0 if side == 1 else 4.0
     return {
@@ -175,7 +175,7 @@ def counts(pilot: Pilot, settings: RenderSettings) -> dict[str, dict[str, float]
             "ray": float(balance * RAYS),
             "ray level": balance * RAYS * levels,
             "exchange": float(count > 0),
-            "blocked exchange": float(count > 0 and blocked > 0),
+            "blocked exchange": float(count > 0 and hidden > 0),
             "patch": count * dense,
             "pair": pairs,
             "facing pair": pairs * facing,

@@ -21,9 +21,9 @@ import torch
 from torch import Tensor
 
 from torchradiometry.geometry.cameras import AbstractCamera
-from torchradiometry.geometry.patches import vector_area
-from torchradiometry.numerics import guarded_divide, safe_normalize
+from torchradiometry.numerics import guarded_divide
 from torchradiometry.plan.highlights import Highlights, look_at_highlights
+from torchradiometry.plan.patching import Patching
 from torchradiometry.plan.reflections import COARSE, Reflections, look_at_reflections
 from torchradiometry.plan.resolution import bends
 from torchradiometry.plan.rough import thinned
@@ -35,18 +35,17 @@ from torchradiometry.render.direct import (
     small_source_irradiance,
     unblocked_irradiance,
 )
-from torchradiometry.render.importance import Visits, relative_sizes
-from torchradiometry.render.indirect import patch_splits
+from torchradiometry.render.importance import Visits
 from torchradiometry.render.points import Receivers, SurfacePoints, see
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.render.world import World, prepare
 from torchradiometry.scene.scene import Scene
 from torchradiometry.transport.blockers import possible_blockers
-from torchradiometry.transport.rules import sample_patches, sequence
+from torchradiometry.transport.rules import sequence
 from torchradiometry.transport.visible_parts import blockers_between
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
+    from jaxtyping import Bool, Float
 
 __all__ = ["Pilot"]
 
@@ -56,8 +55,6 @@ PIXELS, MORE = 512, 2048
 MOST_TESTS = 2**24
 #: shadow rays of a point to all shining polygons, and at least to each, where nothing is left out
 SHADOWS, EACH = 8, 4
-#: pairs of patches that are looked at
-PAIRS = 1024
 #: standard errors that are added to what the pilot's pixels show
 ERRORS = 1.5
 #: factor on the bends of reflected light, and the power of the patch size by which they fall
@@ -96,8 +93,6 @@ class Pilot:
         self.world: World = prepare(scene, RenderSettings())
         self._known: dict[RenderSettings, _Lit] = {}
         self._open: dict[bool, Tensor] = {}
-        self._counts: dict[tuple[float, bool], float] = {}
-        self._mutual: dict[tuple[int, bool], tuple[float, float]] = {}
         self.lit_world = thinned(self.world)
         polygons = max(1, len(self.lit_world.emitters.corners))
         #: how direct light is evaluated where nothing is left out
@@ -109,12 +104,13 @@ class Pilot:
         return on_surfaces(self.world, 256, self.seed)
 
     @cached_property
-    def relative_sizes(self) -> Float[Tensor, "face"]:
-        """Size of the patches of every one-sided face: importance, see `RenderSettings`."""
+    def patching(self) -> Patching:
+        """How many patches and pairs of them there are."""
         if self.camera is None:
-            return self.world.normal.new_ones(len(self.world.faces.corners))
+            return Patching(self.world, None, self.seed)
         where, _ = self.looks
-        return relative_sizes(self.world, Visits(where, torch.ones_like(where.position[:, 0])))
+        seen = Visits(where, torch.ones_like(where.position[:, 0]))
+        return Patching(self.world, seen, self.seed)
 
     @cached_property
     def blocks(self) -> bool:
@@ -150,7 +146,7 @@ class Pilot:
     @cached_property
     def looks(self) -> tuple[SurfacePoints, Bool[Tensor, "look pixel"]]:
         """What the rays of all pilot pixels meet, and whether it is a surface that counts."""
-        generator = self._generator()
+        generator = torch.Generator().manual_seed(self.seed)
         like = self.world.triangles.corners
         if self.camera is None:
             sample = self.surfaces
@@ -224,37 +220,16 @@ class Pilot:
 
     @cached_property
     def between(self) -> float:
-        """How many blockers may come between a pilot point and a shining polygon, in the mean."""
+        """How many blockers are cut out of the view of a shining polygon, in the mean: all that may
+        come in between, but only the first of those that leave nothing.
+        """
         polygons, blockers = self.lit_world.emitters.corners, self.lit_world.blockers
         if not len(polygons) or blockers is None or not len(self.points.face):
             return 0.0
-        position, normal = (t[::4].unsqueeze(1) for t in self.points.receivers[:2])
-        return blockers_between(position, normal, polygons, blockers)
-
-    def mutual(self, size: float, importance: bool) -> tuple[float, float]:
-        """Share of pairs of patches that face each other, and of those the share that something
-        stands between, by points of some patches of about that size (m).
-        """
-        octave = round(math.log2(self.world.rays.scale / size)), importance
-        if octave not in self._mutual:
-            self._mutual[octave] = self._pairs(
-                self.world.rays.scale * 2.0 ** -octave[0], importance
-            )
-        return self._mutual[octave]
-
-    def _pairs(self, size: float, importance: bool) -> tuple[float, float]:
-        faces, rays = self.world.faces.corners, self.world.rays
-        reached = self._splits(size, importance).square().cumsum(0)
-        where = torch.rand(2 * PAIRS, 3, generator=self._generator(), dtype=torch.float64).to(faces)
-        face = torch.searchsorted(reached, (where[:, 0] * reached[-1]).contiguous(), right=True)
-        face = face.clamp(max=len(faces) - 1)
-        here, there = sample_patches(faces[face], where[:, 1:]).chunk(2)
-        one, other = safe_normalize(vector_area(faces))[face].chunk(2)
-        way = there - here
-        front = ((way * one).sum(-1) > 0) & ((way * other).sum(-1) < 0)
-        ends = (rays.lift(here[front], one[front]), rays.lift(there[front], other[front]))
-        blocked = (~rays.visible(*ends)).double().mean() if bool(front.any()) else 0.0
-        return float(front.double().mean()), float(blocked)
+        position, normal = (t.unsqueeze(1) for t in self.points.receivers[:2])
+        number = blockers_between(position[::4], normal[::4], polygons, blockers)
+        dark = (self.full_direct[::4] <= 0).all(-1, keepdim=True)
+        return float(torch.where(dark, number.clamp(max=1), number).double().mean())
 
     @torch.no_grad()
     def direct_at(
@@ -357,19 +332,7 @@ class Pilot:
         corners = self.world.triangles.corners[some.triangle]
         edge = (corners - corners.roll(-1, 1)).norm(dim=-1).amax(-1)
         mean = self.light / max(1, len(points.face))
-        return (albedo * bend).sum(-1) / mean, edge, self.relative_sizes[some.face]
-
-    def patch_count(self, size: float, importance: bool) -> float:
-        """How many patches that size (m) makes: the renderer's own grid, counted."""
-        if (size, importance) not in self._counts:
-            self._counts[size, importance] = float(self._splits(size, importance).square().sum())
-        return self._counts[size, importance]
-
-    def _generator(self) -> torch.Generator:
-        return torch.Generator().manual_seed(self.seed)
-
-    def _splits(self, size: float, importance: bool) -> Int[Tensor, "face"]:
-        return patch_splits(self.world, size * self.relative_sizes if importance else size)
+        return (albedo * bend).sum(-1) / mean, edge, self.patching.relative[some.face]
 
     def patch_error(self, size: float) -> float:
         """Relative L1 error by patches of that longest edge, m, where importance is even."""

@@ -211,15 +211,16 @@ def blockers_between(
     normal: Float[Tensor, "*batch 3"],
     polygon: Float[Tensor, "*batch corner 3"],
     blockers: Float[Tensor, "blocker side 3"],
-) -> float:
-    """How many blockers may come between a point and a polygon that lights it, in the mean.
+) -> Int[Tensor, "*batch"]:
+    """How many blockers may come between a point and a polygon that lights it; 0 if it does not.
 
-    Arguments as of `visible_irradiance`; points that a polygon does not light count as 0.
+    Arguments as of `visible_irradiance`.
     """
     views, screens, margin = _prepared(position, normal, polygon, blockers, None)
     lit = polygon_irradiance(views.position, views.normal, views.polygon) > 0
     found = [_between(views.chosen(b), screens, margin).sum(-1) for b in _blocks(views, screens)]
-    return float((torch.cat(found) * lit).sum()) / max(1, len(lit))
+    shape = torch.broadcast_shapes(position.shape[:-1], normal.shape[:-1], polygon.shape[:-2])
+    return (torch.cat(found) * lit).reshape(shape)
 
 
 def _prepared(

@@ -35,7 +35,7 @@ class PatchSize(AbstractEffect):
         for parts in PARTS:
             size = scale / parts
             error = pilot.patch_error(size)
-            count = pilot.patch_count(size, True)
+            count = pilot.patching.count(size, True)
             clustered = CLUSTER_ERROR if count > MOST_DENSE else 0.0
             chosen = {"patch_size": size, "importance": pilot.camera is not None}
             levels.append(Level(f"{size:.3g} m", error + clustered, "estimate", chosen))
@@ -48,5 +48,5 @@ class PatchSize(AbstractEffect):
     def why(self, pilot: Pilot, level: Level) -> str:
         if level.name == "none":
             return "no light is exchanged"
-        chosen = level.settings
-        return f"about {pilot.patch_count(chosen['patch_size'], chosen['importance']):.0f} patches"
+        size, importance = level.settings["patch_size"], level.settings["importance"]
+        return f"about {pilot.patching.count(size, importance):.0f} patches"
