@@ -102,6 +102,18 @@ def test_the_same_patches_give_a_better_picture_where_they_follow_importance() -
     assert errors[1] < errors[0]
 
 
+@pytest.mark.parametrize("goal", [0.04, 0.02])
+def test_patches_that_are_split_meet_their_error_where_two_patches_a_wall_show_nothing(
+    goal: float,
+) -> None:
+    scene = alcove(32, 24)
+    view = scene.cameras[0]
+    truth = render_scene(scene, view, replace(SETTINGS, patch_size=0.2)).radiance
+    split = replace(SETTINGS, patch_size=2.0, patch_error=goal)
+    found = render_scene(scene, view, split).radiance
+    assert float((found - truth).abs().sum() / truth.sum()) < goal
+
+
 def test_plans_with_a_camera_follow_importance_and_those_without_do_not() -> None:
     scene = three_rooms(24, 18)
     plan = Planner(0.05).plan(scene, scene.cameras[0])

@@ -33,7 +33,7 @@ from torchradiometry.render.indirect import (
 )
 from torchradiometry.render.lattice import spread
 from torchradiometry.render.settings import RenderSettings
-from torchradiometry.render.subdivision import find, refine
+from torchradiometry.render.subdivision import Subdivision, find, refine
 from torchradiometry.render.world import World
 from torchradiometry.transport.form_factors import MATRICES
 
@@ -46,6 +46,8 @@ __all__ = ["adaptive_exchange", "patch_errors"]
 MARKED = 0.7
 #: rounds at most
 ROUNDS = 8
+#: patches of a flat or smooth part of a surface that show how light bends there
+FEWEST = 8
 #: share of its own variation of direct light that a patch passes on to what is near it
 PASSED = 0.1
 
@@ -64,9 +66,15 @@ def adaptive_exchange(
     Raises:
         ResourceLimitError: already the first patches exceed the budget.
     """
-    exchange = exchange_between(world, first_patches(world, settings, seen), settings)
+    patches = first_patches(world, settings, seen)
     if settings.patch_error is None:
-        return exchange
+        return exchange_between(world, patches, settings)
+    for _ in range(ROUNDS):
+        few = _too_few(world, patches)
+        if not bool(few.any()):
+            break
+        patches = refine(patches, few)
+    exchange = exchange_between(world, patches, settings)
     for _ in range(ROUNDS):
         error = _estimate(world, exchange, settings, seen)
         if float(error.sum()) <= settings.patch_error:
@@ -76,6 +84,13 @@ def adaptive_exchange(
             break
         exchange = exchange_between(world, refine(exchange.subdivision, chosen), settings)
     return exchange
+
+
+def _too_few(world: World, patches: Subdivision) -> Bool[Tensor, "patch"]:
+    """Patches of parts of surfaces that have too few of them to show how light bends."""
+    part = world.parts[patches.face]
+    reflects = (world.triangles.reflectance > 0).any(-1)[world.faces.triangle[patches.face]]
+    return (torch.bincount(part)[part] < FEWEST) & reflects
 
 
 @torch.no_grad()

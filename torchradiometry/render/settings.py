@@ -24,7 +24,8 @@ class RenderSettings:
             reflected light bends, starting from `patch_size`, until the estimate meets it or
             `budget` is spent. None: all patches have the same size.
         importance: True lets patches be larger than `patch_size` where the camera hardly looks and
-            little light comes from, and smaller where it looks most.
+            little light comes from, and smaller where it looks most; by the albedos that the
+            scene has then. Without a camera all surfaces count alike.
         supersampling: rays along each side of a pixel in which the picture changes, >= 1; four
             times as many at the edge of an emitter. Other pixels get one ray.
         shadow_samples: shadow rays to each emitting polygon, >= 1; four times as many in
