@@ -1,10 +1,10 @@
 """Pictures by a path tracer, to measure ours against: `python -m tests.benchmarks.references`.
 
 Mitsuba renders the standard scenes, further ones (`further_scenes`), shiny ones (`shiny_scenes`)
-and those of a blind test (`blind_scenes`), 96 x 72 pixels. It lifts rays by 0.1 mm and looks no
-nearer than 1 cm, so scenes much smaller or larger than 1 m are scaled to 1 m for it, which changes
-no radiance. Each picture is a sum of many renders, kept in two halves; its own noise is what the
-halves differ by, and a run can be broken off and continued:
+and those of two blind tests (`blind_scenes`, `fresh_scenes`), 96 x 72 pixels. It lifts rays by
+0.1 mm and looks no nearer than 1 cm, so scenes much smaller or larger than 1 m are scaled to 1 m
+for it, which changes no radiance. Each picture is a sum of many renders, kept in two halves; its
+own noise is what the halves differ by, and a run can be broken off and continued:
 
     noise = sum |A - B| / sum (A + B)      of the mean of both halves, over the pixels that count
 
@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tests.benchmarks.blind_scenes import BLIND_SCENES
+from tests.benchmarks.fresh_scenes import FRESH_SCENES
 from tests.benchmarks.further_scenes import FURTHER_SCENES
 from tests.benchmarks.mitsuba_scenes import coverage, mitsuba, mitsuba_scene, sensor, start
 from tests.benchmarks.shiny_scenes import SHINY_SCENES
@@ -38,7 +39,7 @@ SIZE = (96, 72)
 #: samples of a pixel in one render: a square number, as the sampler wants
 CHUNK = 256
 SCENES: dict[str, Callable[[int, int], Scene]] = (
-    STANDARD_SCENES | FURTHER_SCENES | BLIND_SCENES | SHINY_SCENES
+    STANDARD_SCENES | FURTHER_SCENES | BLIND_SCENES | FRESH_SCENES | SHINY_SCENES
 )
 #: sizes of scenes that the path tracer takes as they are, m
 ORDINARY = (0.1, 100.0)

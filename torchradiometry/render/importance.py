@@ -5,8 +5,8 @@
 Light is followed backwards: from what camera rays meet, cosine-weighted directions go on, `STEPS`
 times, each time with the albedo that was met. A little importance lies on all surfaces alike, as
 few paths do not show everything. Each flat or smooth part of a surface has one density i of
-importance per area. At a given number of patches, n ~ sum A / h^2, the error of the picture,
-sum A i h^1.3, is least for
+importance per area, drawn to that of its side of the whole surface where few paths tell (facets).
+At a given number of patches, n ~ sum A / h^2, the error of the picture, sum A i h^1.3, is least for
 
     h ~ i^(-1/3.3)
 
@@ -30,7 +30,7 @@ from torchradiometry.render.world import World
 from torchradiometry.transport.rules import sequence
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
+    from jaxtyping import Float, Int
 
 __all__ = ["EVERYWHERE", "Visits", "backwards", "relative_sizes"]
 
@@ -40,6 +40,8 @@ PATHS, STEPS = 2048, 4
 BOUNCED, EVERYWHERE = 0.4, 0.3
 #: power of the density that patch sizes fall by, and how far they may differ from the mean one
 POWER, MOST = 1 / 3.3, 6.0
+#: paths by which a part must be visited to be believed more than the surface that it is of
+FEW = 16
 #: sizes in an octave: a few more or fewer rays find the same ones
 IN_OCTAVE = 4
 
@@ -99,20 +101,23 @@ def relative_sizes(world: World, seen: Visits) -> Float[Tensor, "face"]:
     area = torch.linalg.cross(b - a, c - a).norm(dim=-1)
     points, weight = backwards(world, seen)
     visited = paint.new_zeros(len(area)).index_add(0, points.face, weight * albedo[points.triangle])
-    part = world.parts
-    count = int(part.max()) + 1 if len(part) else 0
-
-    def over_parts(value: Tensor) -> Float[Tensor, "part"]:
-        return value.new_zeros(count).index_add(0, part, value)
-
-    def shares(value: Tensor) -> Float[Tensor, "part"]:
-        return guarded_divide(value, value.sum().expand_as(value))
-
     if float(visited.sum()) <= 0:
         return torch.ones_like(area)
-    importance = shares(over_parts(visited)) + EVERYWHERE * shares(over_parts(area * paint))
-    density = guarded_divide(importance, over_parts(area))
-    mean = (density * importance).sum() / importance.sum()
+    visited, reflects = visited / visited.sum(), area * paint / (area * paint).sum()
+    backs = torch.arange(len(area), device=area.device) >= len(world.normal)
+    part, side = world.parts, 2 * world.triangles.surface[world.faces.triangle] + backs
+    share, own = (_over(part, t) for t in (visited, area))
+    around = guarded_divide(_over(side, visited), _over(side, area))
+    paths = PATHS * share
+    density = (paths * guarded_divide(share, own) + FEW * around) / (paths + FEW)
+    density = density + EVERYWHERE * guarded_divide(_over(part, reflects), own)
+    mean = (density * density * area).sum() / (density * area).sum()
     low, high = mean * MOST ** (-1 / POWER), mean * MOST ** (1 / POWER)
     octaves = POWER * (mean / density.clamp(low, high)).log2()
-    return (2 ** ((octaves * IN_OCTAVE).round() / IN_OCTAVE))[part]
+    return 2 ** ((octaves * IN_OCTAVE).round() / IN_OCTAVE)
+
+
+def _over(group: Int[Tensor, "face"], value: Float[Tensor, "face"]) -> Float[Tensor, "face"]:
+    """The sum over each face's group."""
+    total = value.new_zeros(int(group.max()) + 1).index_add(0, group, value)
+    return total[group]
