@@ -66,17 +66,30 @@ def test_bounce_separation(tmp_path: Path) -> None:
     assert (tmp_path / "bounces.png").stat().st_size > 500
 
 
-def test_lecture(tmp_path: Path) -> None:
-    found = load("lecture").main(fast=True, out=tmp_path)
-    assert found["light"]["A / r^2 over the solid angle at 1 m"] == pytest.approx(1.2416, abs=1e-3)
-    shares = found["reflection"]
+def test_lecture_light(tmp_path: Path) -> None:
+    found = load("lecture_light").main(fast=True, out=tmp_path / "light.png")
+    assert found["A / r^2 over the solid angle at 1 m"] == pytest.approx(1.2416, abs=1e-3)
+    assert (tmp_path / "light.png").stat().st_size > 500
+
+
+def test_lecture_reflection(tmp_path: Path) -> None:
+    shares = load("lecture_reflection").main(fast=True, out=tmp_path / "reflection.png")
     assert shares["Lambertian, 0.6"] == pytest.approx(0.6, abs=1e-6)
     assert shares["Phong, n = 20"] == pytest.approx(shares["Phong, n = 200"], abs=1e-6)
-    assert found["sources"]["the whole sky"] < found["sources"]["a lamp in a cone (spot)"]
-    lit = [found["interreflection"][name] for name in ("direct light", "+ 1 bounce", "+ 2 bounces")]
+    assert (tmp_path / "reflection.png").stat().st_size > 500
+
+
+def test_lecture_sources(tmp_path: Path) -> None:
+    dark = load("lecture_sources").main(fast=True, out=tmp_path / "sources.png")
+    assert dark["the whole sky"] < dark["a lamp in a cone (spot)"]
+    assert (tmp_path / "sources.png").stat().st_size > 500
+
+
+def test_lecture_interreflection(tmp_path: Path) -> None:
+    found = load("lecture_interreflection").main(fast=True, out=tmp_path / "room.png")
+    lit = [found[name] for name in ("direct light", "+ 1 bounce", "+ 2 bounces")]
     assert 0.3 < lit[0] < lit[1] < lit[2] < 1
-    for law in found:
-        assert (tmp_path / f"lecture_{law}.png").stat().st_size > 500
+    assert (tmp_path / "room.png").stat().st_size > 500
 
 
 def test_relight(tmp_path: Path) -> None:

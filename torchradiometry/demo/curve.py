@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import accumulate
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from torchradiometry.errors import MissingDependencyError
 from torchradiometry.files import atomic_path, linear_to_srgb
 
-__all__ = ["draw_learning_curve", "sample_photograph", "write_panels"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_learning_curve", "sample_photograph", "show_radiance", "write_panels"]
 
 
 def draw_learning_curve(path: Path, losses: Sequence[float], degrees: Sequence[float]) -> None:
@@ -80,6 +85,14 @@ def write_panels(
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=dots, pil_kwargs={"optimize": True})
+
+
+def show_radiance(axes: Axes, radiance: Tensor, title: str, exposure: float) -> None:
+    """A linear picture `H W 3`, or `H W`, as a screen shows it."""
+    radiance = radiance if radiance.ndim == 3 else radiance.unsqueeze(-1).expand(-1, -1, 3)
+    axes.imshow(linear_to_srgb((exposure * radiance).clamp(0, 1).double().numpy()))
+    axes.set_title(title, fontsize=9)
+    axes.set_axis_off()
 
 
 def sample_photograph() -> Path:
