@@ -132,6 +132,13 @@ def require_axes(where: str, tensor: Tensor, *axes: int | None) -> None:
         raise ShapeError(where, f"a tensor of shape {tuple(shape)}", f"pass `... {wanted}`")
 
 
+def require_kind(where: str, value: object, kind: type, name: str | None = None) -> None:
+    """Raise `DTypeError` unless a value is of a class; `name`: as what the class is known."""
+    if not isinstance(value, kind):
+        got = "None" if value is None else f"a {type(value).__name__}"
+        raise DTypeError(where, got, f"pass a {name or kind.__name__}")
+
+
 def require_device(where: str, tensor: Tensor, other: str, like: Tensor) -> None:
     """Raise `DTypeError` unless a tensor lies on the device of another, which is named too."""
     if tensor.device != like.device:

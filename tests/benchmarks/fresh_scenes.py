@@ -113,26 +113,6 @@ def library(width: int, height: int) -> Scene:
     return Scene((hall, *shelves, *lamps), (), view)
 
 
-def periscope(width: int, height: int) -> Scene:
-    """Light comes around two corners of a passage."""
-    white = [0.82, 0.8, 0.78]
-    legs = [
-        box("first leg", (1, 2, 4), (0, 1, 0), inward=True, albedo=white,
-            sides=[s for s in SIDES if s not in ("right",)]),
-        box("last leg", (1, 2, 4), (4, 1, 0), inward=True, albedo=[0.8, 0.6, 0.5],
-            sides=[s for s in SIDES if s not in ("left",)]),
-        box("cross leg", (3, 2, 1), (2, 1, -1.5), inward=True, albedo=[0.5, 0.7, 0.8],
-            sides=("top", "bottom", "back", "front")),
-    ]  # fmt: skip
-    ends = [
-        quad(name, across_x(x, (0, 2), (-1, 2)), albedo=white, two_sided=True)
-        for name, x in (("first end", 0.5), ("last end", 3.5))
-    ]
-    lamp = panel("lamp", 4.0, 1.97, 1.0, 0.6, 0.6, 40.0)
-    view = camera(width, height, (-0.2, 1.3, 1.8), (0.15, 0.9, -1.6), 66)
-    return Scene((*legs, *ends, lamp), (), view)
-
-
 def lighthouse(width: int, height: int) -> Scene:
     """A thin bright ring of lamps on a tower above rough ground; the camera is far off."""
     tower = box("tower", (0.5, 3.0, 0.5), (0, 1.5, 0), sides=UPRIGHT, albedo=[0.9, 0.9, 0.85])
@@ -158,6 +138,5 @@ FRESH_SCENES: dict[str, Callable[[int, int], Scene]] = {
     "attic": attic,
     "cave": cave,
     "library": library,
-    "periscope": periscope,
     "lighthouse": lighthouse,
 }

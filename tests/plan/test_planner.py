@@ -284,3 +284,24 @@ def test_the_shader_runs_in_onnxruntime(name: str, tolerance: float, tmp_path: P
     export.export_onnx(shader, inputs, path, axes=axes)
     found = export.check_onnx(path, shader, inputs=inputs)
     assert found.passed
+
+
+def test_what_is_no_scene_no_camera_no_seed_is_named() -> None:
+    made = STANDARD_SCENES["ball"](8, 6)
+    with pytest.raises(errors.DTypeError, match=r"camera: got a tuple; .*scene.cameras\[0\]"):
+        Planner(0.1).plan(made, made.cameras)
+    with pytest.raises(errors.DTypeError, match="scene: got a int"):
+        Planner(0.1).plan(3)
+    with pytest.raises(errors.DTypeError, match="seed"):
+        Planner(0.1, seed=1.5)
+
+
+def test_colours_of_another_shape_or_kind_are_named() -> None:
+    made = STANDARD_SCENES["ball"](8, 6)
+    shader = Planner(0.1).plan(made, made.cameras[0]).build()
+    for wrong in (torch.zeros(7, 3), torch.zeros(3), torch.zeros(1, 7)):
+        with pytest.raises(errors.ShapeError, match="albedo"):
+            shader(albedo=wrong)
+    for dtype in (torch.int64, torch.complex64):
+        with pytest.raises(errors.DTypeError, match="emission"):
+            shader(emission=torch.zeros(1, 3, dtype=dtype))

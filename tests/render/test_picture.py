@@ -282,7 +282,39 @@ def test_bad_requests_are_named() -> None:
     with pytest.raises(errors.DTypeError, match="bounces"):
         render.RenderSettings(bounces=1.5)  # type: ignore[arg-type]
     with pytest.raises(errors.ResourceLimitError, match="bytes"):
-        render.render_scene(made, made.cameras[0], replace(FAST, budget=1000))
+        render.render_scene(made, made.cameras[0], replace(FAST, budget=10_000))
+    wide = replace(made.cameras[0], width=10**6, height=10**6)
+    with pytest.raises(errors.ResourceLimitError, match="1000000000000 pixels"):
+        render.render_scene(made, wide, FAST)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("seed", 1.5), ("extent", "no"), ("importance", None), ("patch_size", True), ("rays", 3)],
+)
+def test_settings_of_the_wrong_kind_are_named(name: str, value: object) -> None:
+    with pytest.raises((errors.DTypeError, errors.OutOfRangeError), match=f"settings.{name}"):
+        replace(FAST, **{name: value})
+
+
+def test_what_is_no_scene_or_no_camera_is_named() -> None:
+    made = cornell(4, 3)
+    for wrong in (None, made, made.cameras):
+        with pytest.raises(errors.DTypeError, match=r"camera: got .*scene.cameras\[0\]"):
+            render.render_scene(made, wrong, FAST)
+    with pytest.raises(errors.DTypeError, match="scene: got a dict; pass a Scene"):
+        render.render_scene({}, made.cameras[0], FAST)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("name", ["albedo", "emission", "specular"])
+def test_colours_that_are_no_numbers_make_no_silent_nan(name: str, value: float) -> None:
+    made = cornell(4, 3)
+    wall = replace(made.surfaces[0], **{name: torch.full((3,), value)})
+    with pytest.raises(errors.InvalidValueError, match=name):
+        render.render_scene(
+            replace(made, surfaces=(wall, *made.surfaces[1:])), made.cameras[0], FAST
+        )
 
 
 def test_lattice_finds_the_patch_that_holds_a_point(generator: torch.Generator) -> None:

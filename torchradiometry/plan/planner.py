@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from torchradiometry.errors import EmptySceneError, OutOfRangeError
+from torchradiometry.errors import EmptySceneError, OutOfRangeError, require_kind
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.plan.costs import Costs, stored_costs
 from torchradiometry.plan.effect import AbstractEffect, Level
@@ -42,6 +42,7 @@ class Planner:
 
     Raises:
         OutOfRangeError: neither or both of tolerance and seconds, or out of range.
+        DTypeError: a seed that is no whole number.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Planner:
             raise OutOfRangeError("tolerance", f"{tolerance!r}", "pass a number between 0 and 1")
         if seconds is not None and not (isinstance(seconds, (int, float)) and seconds > 0):
             raise OutOfRangeError("seconds", f"{seconds!r}", "pass a time above 0")
+        require_kind("seed", seed, int, "whole number")
         self.tolerance, self.seconds = tolerance, seconds
         self.effects, self.seed = effects, seed
         self.costs = stored_costs() if costs is None else costs
@@ -81,7 +83,11 @@ class Planner:
 
         Raises:
             EmptySceneError: no triangle.
+            DTypeError: no scene, or no camera (a tuple of cameras).
         """
+        require_kind("scene", scene, Scene)
+        if camera is not None:
+            require_kind("camera", camera, AbstractCamera, "camera, such as scene.cameras[0]")
         if not any(surface.count for surface in scene.surfaces):
             raise EmptySceneError("scene", "no triangles", "add a surface with faces")
         search = _Search(Pilot(scene, camera, self.seed), self.effects, self.costs)

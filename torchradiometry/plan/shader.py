@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from torchradiometry.errors import ShapeError, require_floating
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.materials.phong import mean_lobe_reflectance
 from torchradiometry.render.ambient import AmbientExchange, balanced_irradiance
@@ -296,12 +297,15 @@ class PlannedShader(nn.Module):
             emission: of the surfaces that shone when the shader was made, W/m2/sr.
             specular: of those that were shiny, 0..1.
 
+        Raises:
+            DTypeError, ShapeError: colours that are not real numbers, or not one row a surface.
+
         Differentiable in: albedo, emission, specular.
         Export: compile yes, ONNX yes (dense form factors).
         """
-        paint = (self.albedo if albedo is None else albedo).to(self.albedo)
-        light = (self.emission if emission is None else emission).to(self.emission)
-        gloss = (self.specular if specular is None else specular).to(self.specular)
+        paint = _given("albedo", albedo, self.albedo)
+        light = _given("emission", emission, self.emission)
+        gloss = _given("specular", specular, self.specular)
         colours = Colours(paint, light, gloss * self.lobe if self.has_lobes else None)
         surface = self.painted.surface
         irradiance: Tensor = self.direct(light)
@@ -321,6 +325,17 @@ class PlannedShader(nn.Module):
     def extra_repr(self) -> str:
         height, width = self.size
         return f"{width} x {height} pixels, {len(self.pixel)} rays, effects={list(self.effects)}"
+
+
+def _given(name: str, colours: Tensor | None, own: Tensor) -> Tensor:
+    """Colours of the surfaces, the shader's own if none are given."""
+    if colours is None:
+        return own
+    require_floating(name, colours)
+    if colours.ndim != 2 or len(colours) != len(own) or colours.shape[1] not in (1, own.shape[1]):
+        got = f"shape {tuple(colours.shape)}"
+        raise ShapeError(name, got, f"pass `{len(own)} surfaces x {own.shape[1]} channels`")
+    return colours.to(own)
 
 
 def _table(scene: Scene, colours: list[Tensor]) -> Float[Tensor, "surface channel"]:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import EmptySceneError, OutOfRangeError, ShapeError
+from torchradiometry.errors import EmptySceneError, OutOfRangeError, ShapeError, require_kind
 from torchradiometry.files import atomic_path
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.plan.ladder import Rung, ladder
@@ -190,7 +190,9 @@ class _Run(NamedTuple):
 
 
 def _camera(scene: Scene, camera: AbstractCamera | None) -> AbstractCamera:
+    require_kind("scene", scene, Scene)
     if camera is not None:
+        require_kind("camera", camera, AbstractCamera, "camera, such as scene.cameras[0]")
         return camera
     if not scene.cameras:
         raise EmptySceneError("scene", "no camera", "pass one, or call with_default_view first")

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ResourceLimitError, ShapeError
+from torchradiometry.errors import ResourceLimitError, ShapeError, require_kind
 from torchradiometry.geometry.cameras import AbstractCamera
 from torchradiometry.render.adaptive import adaptive_exchange
 from torchradiometry.render.ambient import (
@@ -55,6 +55,9 @@ __all__ = [
     "see",
     "view_scene",
 ]
+
+#: that the rays of a pixel take at least
+BYTES = 128
 
 
 class Picture(NamedTuple):
@@ -121,6 +124,7 @@ def render_scene(
 
     Raises:
         EmptySceneError: no triangle.
+        DTypeError: no scene, or no camera (a tuple of cameras).
         ResourceLimitError: more patches than the budget allows.
 
     Differentiable in: albedo, emission, textures, the sources' parameters, and vertices as far as
@@ -138,7 +142,12 @@ def view_scene(
 
     Arguments, errors and derivatives as of `render_scene`.
     """
+    require_kind("camera", camera, AbstractCamera, "camera, such as scene.cameras[0]")
     settings = settings or RenderSettings()
+    pixels = camera.width * camera.height
+    if BYTES * pixels > settings.budget:
+        got, mend = f"{pixels} pixels, {BYTES * pixels} bytes", "use fewer, or raise budget"
+        raise ResourceLimitError("camera", got, mend)
     clock = [time.perf_counter()]
     world = prepare(scene, settings)
     clock.append(time.perf_counter())

@@ -5,10 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from torchradiometry.errors import DTypeError, OutOfRangeError
+from torchradiometry.errors import DTypeError, OutOfRangeError, require_kind
 from torchradiometry.transport.rays import AbstractRayCaster
 
 __all__ = ["RenderSettings"]
+
+#: settings that are on or off
+FLAGS = (
+    "ambient_tail",
+    "importance",
+    "penumbra",
+    "extent",
+    "near",
+    "ambient",
+    "colour_bleeding",
+    "gather",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +58,8 @@ class RenderSettings:
         lobe_samples: rays of a pixel along the lobe of a shiny surface, and as many to each
             emitter; 0 leaves lobes out.
         sky_samples: rays to the sky under an ambient dome.
-        budget: bytes that the form factors may use, and as many what is gathered.
+        budget: bytes that the form factors may use, as many what is gathered, and as many the
+            rays of the camera.
         seed: of all random shifts; the same seed gives the same picture.
         rays: what answers rays; None: Embree, or brute force where embreex is missing.
     """
@@ -79,8 +92,17 @@ class RenderSettings:
                 raise DTypeError(f"settings.{name}", f"{value!r}", "pass a whole number")
             if value < low:
                 raise OutOfRangeError(f"settings.{name}", f"{value}", f"pass at least {low}")
+        require_kind("settings.seed", self.seed, int, "whole number")
+        for name in FLAGS:
+            require_kind(f"settings.{name}", getattr(self, name), bool, "truth value")
+        rays = self.rays
+        if rays is not None and not (
+            isinstance(rays, type) and issubclass(rays, AbstractRayCaster)
+        ):
+            raise DTypeError("settings.rays", f"{rays!r}", "pass a ray caster's class")
         size = self.patch_size
-        if size is not None and not (isinstance(size, (int, float)) and 0 < size < math.inf):
+        number = isinstance(size, (int, float)) and not isinstance(size, bool)
+        if size is not None and not (number and 0 < size < math.inf):
             raise OutOfRangeError("settings.patch_size", f"{size!r}", "pass a length in m, > 0")
         error = self.patch_error
         if error is not None and not (isinstance(error, (int, float)) and 0 < error < 1):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import MissingDependencyError
+from torchradiometry.errors import InvalidValueError, MissingDependencyError, require_kind
 from torchradiometry.numerics import guarded_divide, safe_norm, safe_normalize
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene, Triangles
@@ -135,8 +135,18 @@ class World(NamedTuple):
 
 
 def prepare(scene: Scene, settings: RenderSettings) -> World:
-    """Float64 triangles, ray caster and one-sided faces of a scene."""
+    """Float64 triangles, ray caster and one-sided faces of a scene.
+
+    Raises:
+        DTypeError: no scene.
+        InvalidValueError: a colour that is NaN or infinite.
+    """
+    require_kind("scene", scene, Scene)
     found = scene.triangles
+    for name in ("albedo", "emission", "specular"):
+        if not bool(getattr(found, name).isfinite().all()):
+            mend = "pass finite numbers; scene.validate() says where"
+            raise InvalidValueError(f"scene, {name}", "NaN or infinity", mend)
     triangles = Triangles(*(t.to(torch.float64) if t.is_floating_point() else t for t in found))
     corners = triangles.corners
     normal = safe_normalize(_cross(corners))
