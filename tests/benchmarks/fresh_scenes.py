@@ -86,9 +86,9 @@ def attic(width: int, height: int) -> Scene:
     return Scene((boards, slopes, gables, window, trunk), (), view)
 
 
-def cave(width: int, height: int) -> Scene:
+def cave(width: int, height: int, subdivisions: int = 3) -> Scene:
     """A bumpy hollow with one lamp behind a pillar."""
-    whole = sphere("cave", 2.0, subdivisions=3, albedo=[0.6, 0.5, 0.4])
+    whole = sphere("cave", 2.0, subdivisions=subdivisions, albedo=[0.6, 0.5, 0.4])
     x, y, z = whole.vertices.unbind(-1)
     bump = 1 + 0.12 * torch.sin(3 * x + 1) * torch.cos(4 * y) + 0.08 * torch.sin(5 * z)
     hollow = Surface(

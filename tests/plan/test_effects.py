@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from tests import cases
+from tests.benchmarks.fresh_scenes import cave
 from torchradiometry import plan, render
 from torchradiometry.plan.costs import counts
 from torchradiometry.scene import STANDARD_SCENES
@@ -90,3 +91,21 @@ def test_what_is_left_out_costs_nothing(pilots: dict[str, plan.Pilot]) -> None:
         more = counts(pilot, replace(off, bounces=2, patch_size=0.5, shadow_samples=2))
         assert more["indirect"]["pair"] > 0
         assert more["direct"]["shadow ray"] + more["direct"]["clipped point"] > 0
+
+
+def test_uneven_reflected_light_among_many_faces_is_not_taken_for_even() -> None:
+    made = cave(24, 18, subdivisions=2)
+    view = made.cameras[0]
+    (ambient,) = [
+        level
+        for level in plan.Interreflection().levels(plan.Pilot(made, view))
+        if level.name == "ambient"
+    ]
+    bare = render.RenderSettings(bounces=0, supersampling=1)
+    number, full = (
+        render.render_scene(made, view, settings)
+        for settings in (replace(bare, ambient=True), replace(bare, bounces=24, patch_size=3.0))
+    )
+    lit = ~full.emitter
+    off = (number.radiance - full.radiance)[lit].abs().sum() / full.radiance[lit].sum()
+    assert float(off) < ambient.error < 4 * float(off)

@@ -1,11 +1,12 @@
 """A quick look at reflected light: how much, how many bounces, how even, how coloured.
 
 Scenes of few faces are solved on coarse patches whose form factors are counted rays (`rough`). In
-larger ones every face would be a patch; there
-the balance of ambient light (`render.ambient`) gives the mean, and the share h(x) of a point's
-hemisphere in which it sees surfaces gives its distribution:
+larger ones every face would be a patch; there the first bounce is gathered along rays, and the
+balance of ambient light (`render.ambient`) gives the later ones: their mean, and the share h(x) of
+a point's hemisphere in which it sees surfaces their distribution:
 
-    E(x) ~ h(x) B_mean,     bounce k+1 ~ g bounce k,    g = mean(rho h).
+    E(x) ~ E_1(x) + h(x) (B_mean - mean(rho E_direct))
+    bounce k+1 ~ g bounce k,   g = mean(rho h)
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.numerics import guarded_divide
+from torchradiometry.plan.resolution import first_bounce
 from torchradiometry.plan.rough import counted_factors
 from torchradiometry.render.ambient import SurfaceSample, balanced_irradiance
 from torchradiometry.render.direct import cosine_directions
@@ -162,9 +164,11 @@ def look_at_reflections(
     kept = (weight * albedo * surfaces.view.unsqueeze(-1)).sum(0)
     direct = (weight * lit).sum(0)
     colour = guarded_divide(direct, direct.mean())
-    view = _view(world, points)
     even = guarded_divide(ambient, nothing.new_tensor(surfaces.mutual_view))
-    return BalancedReflections(world, view.unsqueeze(-1) * even, ambient, decay, kept, colour)
+    later = (even - (weight * albedo * lit).sum(0)).clamp(min=0)
+    first = first_bounce(world, points.position.unsqueeze(1), points.facet).squeeze(1)
+    irradiance = first + _view(world, points).unsqueeze(-1) * later
+    return BalancedReflections(world, irradiance, ambient, decay, kept, colour)
 
 
 def _solved(world: World, points: SurfacePoints, ambient: Tensor, decay: float) -> Reflections:

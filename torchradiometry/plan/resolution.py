@@ -31,7 +31,7 @@ from torchradiometry.transport.rules import sequence
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-__all__ = ["bends"]
+__all__ = ["bends", "first_bounce"]
 
 #: points that are looked at, and directions from each place
 POINTS, RAYS = 96, 24
@@ -57,14 +57,14 @@ def bends(
     corner = grid.corners[patch]
     corner = corner + INWARDS * (corner.mean(1, keepdim=True) - corner)
     place = torch.cat((some.position.unsqueeze(1), corner), 1)
-    found = _first_bounce(world, place, some.facet)
+    found = first_bounce(world, place, some.facet)
     return (found[:, 0] - (weight.unsqueeze(-1) * found[:, 1:]).sum(1)).abs(), some
 
 
-def _first_bounce(
+def first_bounce(
     world: World, place: Float[Tensor, "point place 3"], normal: Float[Tensor, "point 3"]
 ) -> Float[Tensor, "point place channel"]:
-    """E_1, along the same directions from all places of a point."""
+    """E_1, W/m2, along the same `RAYS` directions from all places (m) of a point."""
     count, places = place.shape[:2]
     generator = torch.Generator().manual_seed(0)
     turn = torch.rand(count, 1, 2, generator=generator, dtype=torch.float64).to(place)
