@@ -12,7 +12,7 @@ from tests.accuracy import truth
 from tests.accuracy.inputs import POLYGONS, SPHERES, Draw, plates, receivers, spheres
 from tests.solve.rooms import KINDS, room
 from torchradiometry import solve, sources, transport
-from torchradiometry.geometry import polygon_irradiance, solid_angle_polygon
+from torchradiometry.geometry import polygon_irradiance, solid_angle_polygon, vector_area
 from torchradiometry.sources import PolygonSource, SphereSource
 from torchradiometry.sources.sphere_irradiance import sphere_irradiance
 
@@ -145,6 +145,34 @@ def test_strips_that_pass_askew(corners: int) -> None:
         exact = truth.exchange(first[0], second[0])
         assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
         assert torch.equal(found, transport.polygon_exchange(second, first))
+
+
+@pytest.mark.parametrize("ratio", [2.0**10, 2.0**20])
+def test_strips_that_meet_in_an_edge(ratio: float) -> None:
+    """At a right angle and in any direction, which rounds them: normals keep to the edge."""
+    turn = torch.linalg.qr(Draw(7, torch.float64).uniform(3, 3, low=-1)).Q
+    floor = strip(ratio) @ turn
+    wall = strip(ratio)[[0, 3, 2, 1]][:, [2, 1, 0]] @ turn
+    found = transport.polygon_exchange(floor[None], wall[None]) / ratio
+    exact = truth.perpendicular_rectangles(1.0, 1.0, ratio)
+    assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
+
+
+@pytest.mark.parametrize("ratio", [1e4, 1e5])
+def test_needles_that_the_plane_of_the_other_cuts(ratio: float) -> None:
+    """Which exchange little for their perimeters."""
+    draw, seen = Draw(int(ratio), torch.float64), 0
+    while seen < 2:
+        pair = draw.uniform(2, 3, 3, low=-1)
+        pair[:, 2] = pair[:, 1] + draw.uniform(2, 3, low=-1) / ratio
+        normal = vector_area(pair)
+        height = ((pair - pair.flip(0)[:, :1]) * normal.flip(0).unsqueeze(1)).sum(-1) * ratio
+        if height.amax() < 0.25 or height.amax(1).min() < 0.25 or height.amin() > -0.25:
+            continue
+        exact = truth.exchange(*pair)
+        found = transport.polygon_exchange(*pair.unsqueeze(1))
+        assert truth.relative(float(found), exact) < FORM_FACTORS[torch.float64]
+        seen += 1
 
 
 def largest_error(found: Tensor, exact: list) -> float:

@@ -33,6 +33,31 @@ def test_both_integrals_agree(corners: int, others: int) -> None:
 
 
 @pytest.mark.parametrize("corners", [3, 4])
+@pytest.mark.parametrize("others", [3, 4])
+def test_both_gradients_agree(corners: int, others: int) -> None:
+    """Also where corners leave their plane, whichever of the two is cut into triangles."""
+    pair_of = [t.requires_grad_() for t in pair(corners, others)]
+    accuracy = torch.tensor([1e-15], dtype=torch.float64)
+    exact = torch.autograd.grad(contour_exchange(*pair_of, accuracy).sum(), pair_of)
+    for one, other in (pair_of, pair_of[::-1]):
+        found = torch.autograd.grad(slender_exchange(one, other, RTOL).sum(), pair_of)
+        for ours, theirs in zip(found, exact, strict=True):
+            torch.testing.assert_close(ours, theirs, rtol=0, atol=1e-12 * float(theirs.abs().max()))
+
+
+def test_repeated_corners_and_points_add_nothing() -> None:
+    first, second = pair(4, 4)
+    longer = torch.cat((first, first[:, -1:], first[:, -1:]), 1)
+    exact = slender_exchange(first, second, RTOL)
+    found = slender_exchange(longer, second, RTOL)
+    torch.testing.assert_close(found, exact, rtol=1e-13, atol=0)
+    point = first[:, :1].expand(-1, 4, -1).clone().requires_grad_()
+    none = slender_exchange(point, second, RTOL)
+    assert none.item() == 0
+    assert torch.isfinite(torch.autograd.grad(none.sum(), point)[0]).all()
+
+
+@pytest.mark.parametrize("corners", [3, 4])
 def test_gradients(corners: int) -> None:
     first, second = (t.requires_grad_() for t in pair(corners, 4))
     assert gradcheck(slender_exchange, (first, second, RTOL), atol=1e-8, rtol=1e-5, fast_mode=True)

@@ -17,8 +17,8 @@ the largest distance of a corner from its centroid:
   from an estimate of K. Its rounding error is about 1e-16 |P_1| |P_2| / (2 pi), |P| the
   perimeters, so `rtol` = 1e-10 holds for K > 1e-6 |P_1| |P_2|: touching squares from 1 to 179
   degrees, and sizes up to about 10^4 apart. Slender polygons and small ones beside large ones,
-  which exchange less, are done again where that is not enough (`slender`), if they are a width or
-  more away and not cut.
+  which exchange less, are done again where that is not enough (`slender`), if they (or what is
+  left of those that a plane cuts) are a width or more away.
 
 References: `contour`; P. J. Davis and P. Rabinowitz, *Methods of Numerical Integration* (1984),
 5.6, product rules; M. Cohen and J. Wallace, *Radiosity and Realistic Image Synthesis* (1993),
@@ -151,13 +151,7 @@ def _near(pairs: PolygonPairs, rtol: float) -> Float[Tensor, "pair"]:
     """By the contour integral, m2; clipped parts may turn out to be far from each other."""
     value = _attached_zeros(pairs)
     for index in _chosen(~pairs.cut):
-        first, second = _sides(pairs, index)
-        found = _contour(first, second, rtol)
-        (thin,) = torch.nonzero(cancels(first.corner, second.corner, found, rtol), as_tuple=True)
-        if len(thin):
-            again = slender_exchange(first.corner[..., thin], second.corner[..., thin], rtol)
-            found = found.index_put((thin,), again)
-        value = value.index_put((index,), found)
+        value = value.index_put((index,), _contour(*_sides(pairs, index), rtol))
     for index in _chosen(pairs.cut):
         first, second = (side.clipped() for side in _sides(pairs, index))
         rule = _rule(first, second, rtol)
@@ -195,8 +189,14 @@ def _attached_zeros(pairs: PolygonPairs) -> Float[Tensor, "pair"]:
 
 
 def _contour(first: Polygon, second: Polygon, rtol: float) -> Float[Tensor, "pair"]:
-    tolerance = _tolerance(first, second, rtol)
-    return contour_exchange(first.corner, second.corner, tolerance).clamp(min=0)
+    """By the contour integral, or what it is no good for by `slender_exchange`."""
+    here, there, tolerance = first.corner, second.corner, _tolerance(first, second, rtol)
+    found = contour_exchange(here, there, tolerance).clamp(min=0)
+    (thin,) = torch.nonzero(cancels(here, there, found, rtol), as_tuple=True)
+    if len(thin):
+        again = slender_exchange(here[..., thin], there[..., thin], rtol)
+        found = found.index_put((thin,), again)
+    return found
 
 
 def _sides(pairs: PolygonPairs, index: Tensor) -> tuple[Polygon, Polygon]:

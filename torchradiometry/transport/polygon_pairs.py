@@ -22,7 +22,7 @@ from torchradiometry.numerics import guarded_divide, safe_sqrt
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["Polygon", "PolygonPairs", "polygon_pairs"]
+__all__ = ["Polygon", "PolygonPairs", "polygon_pairs", "vector_area"]
 
 #: heights below this many roundings of the extent count as 0
 ROUNDINGS = 64
@@ -42,7 +42,7 @@ class Polygon(NamedTuple):
     @property
     def vector_area(self) -> Float[Tensor, "3 pair"]:
         """Area times normal."""
-        return _vector_area(self.corner)
+        return vector_area(self.corner)
 
     @property
     def area(self) -> Float[Tensor, "pair"]:
@@ -151,14 +151,21 @@ def _normalised(first: Tensor, second: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return first / unit, second / unit, unit
 
 
-def _vector_area(corner: Tensor) -> Float[Tensor, "3 pair"]:
-    spoke = corner[:, 1:] - corner[:, :1]
-    (ax, ay, az), (bx, by, bz) = spoke[:, :-1].unbind(), spoke[:, 1:].unbind()
+def vector_area(corner: Tensor) -> Float[Tensor, "3 pair"]:
+    """Area times normal of polygons `3 corner pair`.
+
+    Each triangle of a fan by an edge and the shorter of its spokes: in needles one of the two is
+    short, whichever corner comes first, and the product of two long ones would cancel.
+    """
+    spoke, edge = corner[:, 1:] - corner[:, :1], corner[:, 2:] - corner[:, 1:-1]
+    square = spoke.detach().square().sum(0)
+    spoke = torch.where(square[:-1] < square[1:], spoke[:, :-1], spoke[:, 1:])
+    (ax, ay, az), (bx, by, bz) = spoke.unbind(), edge.unbind()
     return torch.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)).sum(1) / 2
 
 
 def _heights(corner: Tensor, polygon: Tensor) -> Float[Tensor, "corner pair"]:
-    area = _vector_area(polygon)
+    area = vector_area(polygon)
     normal = guarded_divide(area, norm(area).expand_as(area)).unsqueeze(1)
     x, y, z = ((corner - polygon.mean(1, keepdim=True)) * normal).unbind()
     return x + y + z
