@@ -429,3 +429,13 @@ def test_shooting_ends_where_light_only_wanders() -> None:
     found = solver.approximate(solve.as_operator(factors), white, light)
     assert not found.converged.any()
     assert found.products < 10_000 < solver.max_shots
+
+
+def test_what_is_no_tensor_or_no_operator_is_named() -> None:
+    matrix, albedo = torch.zeros(2, 2), torch.full((2, 1), 0.5)
+    with pytest.raises(errors.DTypeError, match="albedo: got a float; pass a tensor"):
+        solve.solve_radiosity(matrix, 0.5, albedo)
+    with pytest.raises(errors.DTypeError, match="exitance: got None"):
+        solve.solve_radiosity(matrix, albedo, None)
+    with pytest.raises(errors.DTypeError, match="operator: got a list"):
+        solve.solve_radiosity([[0.0]], albedo, albedo)

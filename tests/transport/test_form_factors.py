@@ -239,3 +239,33 @@ def test_a_patch_without_area_sees_nothing() -> None:
     assert torch.isfinite(factors).all()
     assert (factors[2] == 0).all()
     assert_close(factors[0, 1], parallel_rectangles(1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "match"),
+    [
+        ({"rays": 3}, errors.DTypeError, "rays: got a int; pass a ray caster"),
+        ({"samples": 0}, errors.OutOfRangeError, "samples"),
+        ({"samples": 1.5}, errors.DTypeError, "samples"),
+        ({"seed": 1.5}, errors.DTypeError, "seed"),
+        ({"closed": torch.ones(3, dtype=torch.bool)}, errors.ShapeError, "closed: got shape"),
+        ({"exposure": torch.ones(3)}, errors.ShapeError, "exposure: got shape"),
+        ({"exposure": -torch.ones(2)}, errors.OutOfRangeError, "exposure"),
+        ({"exposure": torch.full((2,), torch.nan)}, errors.OutOfRangeError, "exposure"),
+    ],
+)
+def test_options_of_the_wrong_kind_are_named(
+    wrong: dict[str, object], error: type[Exception], match: str
+) -> None:
+    patches = Patches(torch.stack((SQUARE, SQUARE.flip(0) + SQUARE.new_tensor([0, 0, 1]))))
+    with pytest.raises(error, match=match):
+        transport.form_factors(patches, **wrong)
+
+
+def test_corners_in_place_of_patches_are_named() -> None:
+    corners = torch.rand(2, 3, 3)
+    for wrong in (corners, corners.tolist()):
+        with pytest.raises(
+            errors.DTypeError, match=r"patches: got a .*; pass a Patches\(corners\)"
+        ):
+            transport.form_factors(wrong)

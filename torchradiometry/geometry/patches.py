@@ -24,6 +24,7 @@ from torchradiometry.errors import (
     ShapeError,
     require_axes,
     require_floating,
+    require_kind,
 )
 from torchradiometry.numerics import (
     dot,
@@ -146,6 +147,7 @@ def subdivide(patches: Patches, max_edge: float) -> tuple[Patches, Int[Tensor, "
     >>> parts.area, parent
     (tensor([1., 1.]), tensor([0, 0]))
     """
+    require_kind("patches", patches, Patches, "Patches(corners)")
     corners = patches.corners
     require_floating("patches", corners)
     if corners.ndim != 3 or corners.shape[-1] != 3 or corners.shape[-2] not in (3, 4):

@@ -23,6 +23,7 @@ from torchradiometry.errors import (
     EmptySceneError,
     ShapeError,
     require_floating,
+    require_kind,
 )
 from torchradiometry.numerics import guarded_divide
 
@@ -256,7 +257,10 @@ def as_operator(
     operator: AbstractOperator | Float[Tensor, "*batch patch patch"],
 ) -> AbstractOperator:
     """The operator itself, or a matrix of form factors as one."""
-    return DenseOperator(operator) if isinstance(operator, Tensor) else operator
+    if isinstance(operator, Tensor):
+        return DenseOperator(operator)
+    require_kind("operator", operator, AbstractOperator, "matrix of form factors, or an operator")
+    return operator
 
 
 def reflected(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from torchradiometry.errors import require_kind
 from torchradiometry.solve.adjoints import AbstractAdjoint, Implicit
 from torchradiometry.solve.conjugate_gradient import ConjugateGradient
 from torchradiometry.solve.operators import AbstractOperator
@@ -47,6 +48,7 @@ def solve_radiosity(
         OutOfRangeError, InvalidValueError: albedo outside 0..1, or NaN.
         SingularSystemError: light that is never absorbed.
         ShapeError: shapes that do not fit, or areas that are missing.
+        DTypeError: what is no tensor, or no operator.
 
     Differentiable in: albedo, exitance, and all that the operator holds.
     Export: with `Neumann` or `AdaptiveNeumann` and `Unrolled`.
@@ -59,4 +61,6 @@ def solve_radiosity(
     >>> found.radiosity.sum().backward(); albedo.grad.T  # M / (1 - rho)^2
     tensor([[4., 4.]])
     """
+    for name, values in (("albedo", albedo), ("exitance", exitance)):
+        require_kind(name, values, Tensor, "tensor `... patch channel`")
     return adjoint.solve(solver, operator, albedo, exitance)

@@ -27,6 +27,7 @@ from torchradiometry.errors import (
     ResourceLimitError,
     ShapeError,
     require_floating,
+    require_kind,
 )
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, safe_norm, wide
@@ -77,10 +78,11 @@ def form_factors(
         0..1, `receiver emitter`; rows of degenerate or wholly buried patches are 0.
 
     Raises:
-        ShapeError: not triangles or quads.
+        ShapeError: not triangles or quads; a mask or exposure that has not one value a patch.
+        DTypeError: no `Patches`, no ray caster, samples or a seed that are no whole numbers.
         InvalidValueError: NaN corners.
         DegenerateGeometryError: quads that are not planar, or crossed, or not convex.
-        OutOfRangeError: `rtol` not between 0 and 1.
+        OutOfRangeError: `rtol` not between 0 and 1, no samples, exposure outside 0..1.
         ResourceLimitError: the matrices would not fit into `budget`.
         NotConvergedError: `closed`, but no scaling closes the patches.
 
@@ -123,6 +125,7 @@ def exchange_areas(
     Arguments and errors as of `form_factors`.
     """
     _check(patches, rtol, budget)
+    _check_options(patches, rays, closed, exposure, samples, seed)
     area = Patches(patches.corners.to(torch.float64)).area
     if exposure is not None:
         area = area * exposure.to(area)
@@ -136,7 +139,31 @@ def exchange_areas(
     return exchange, area
 
 
+def _check_options(
+    patches: Patches,
+    rays: AbstractRayCaster | None,
+    closed: bool | Tensor,
+    exposure: Tensor | None,
+    samples: int,
+    seed: int,
+) -> None:
+    """What is not the patches themselves."""
+    if rays is not None:
+        require_kind("rays", rays, AbstractRayCaster, "ray caster, such as EmbreeRays(triangles)")
+    for name, number in (("samples", samples), ("seed", seed)):
+        require_kind(name, number, int, "whole number")
+    if samples < 1:
+        raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
+    for name, values in (("closed", closed), ("exposure", exposure)):
+        if isinstance(values, Tensor) and values.shape != (patches.count,):
+            got = f"shape {tuple(values.shape)} for {patches.count} patches"
+            raise ShapeError(name, got, "pass one value for each patch")
+    if exposure is not None and not bool(((exposure >= 0) & (exposure <= 1)).all()):
+        raise OutOfRangeError("exposure", "values outside 0..1", "pass the share that lies free")
+
+
 def _check(patches: Patches, rtol: float, budget: int) -> None:
+    require_kind("patches", patches, Patches, "Patches(corners)")
     corners = patches.corners
     require_floating("patches", corners)
     if corners.ndim != 3 or corners.shape[1] not in (3, 4) or corners.shape[2] != 3:
