@@ -23,9 +23,9 @@ from torch import Tensor
 from torchradiometry.errors import (
     DegenerateGeometryError,
     InvalidValueError,
-    OutOfRangeError,
     ResourceLimitError,
     ShapeError,
+    require_between,
     require_floating,
 )
 from torchradiometry.geometry.patches import Patches
@@ -145,8 +145,7 @@ def _check(patches: Patches, rtol: float, budget: int) -> None:
         )
     if not bool(torch.isfinite(corners.detach()).all()):
         raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
-    if not 0 < rtol < 1:
-        raise OutOfRangeError("rtol", f"{rtol!r}", "pass a relative error such as 1e-10 or 1e-3")
+    require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     needed = MATRICES * 8 * patches.count**2
     if needed > budget:
         raise ResourceLimitError(
