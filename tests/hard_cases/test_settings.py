@@ -14,7 +14,13 @@ import pytest
 import torch
 
 from torchradiometry import geometry, learn, materials, scene, shade, solve, sources, transport
-from torchradiometry.errors import DTypeError, OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    DTypeError,
+    IndexRangeError,
+    InvalidValueError,
+    OutOfRangeError,
+    ShapeError,
+)
 
 FLOOR = torch.tensor([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]])
 PLATES = torch.cat((FLOOR, FLOOR.flip(1) + torch.tensor([0, 0, 1.0])))
@@ -133,6 +139,88 @@ def test_a_box_is_turned_by_a_finite_angle(value: object) -> None:
 def test_cells_are_rows_and_columns(cells: tuple[int, ...]) -> None:
     with pytest.raises(ShapeError, match="rows and columns"):
         shade.InterreflectionShading(cells)
+
+
+BLOCKED = torch.cat((PLATES, FLOOR + torch.tensor([0, 0, 0.5])))
+
+
+@pytest.mark.parametrize("samples", [0, -1, 1.5, 2**40, "3"])
+def test_samples_of_shadows_are_counts(samples: object) -> None:
+    patches, rays = geometry.Patches(BLOCKED), transport.BruteForceRays(BLOCKED)
+    pair = torch.tensor([0]), torch.tensor([1])
+    with pytest.raises((DTypeError, OutOfRangeError), match="samples"):
+        transport.form_factors(patches, rays, samples=samples)
+    with pytest.raises((DTypeError, OutOfRangeError), match="samples"):
+        transport.pair_visibility(patches, rays, *pair, samples=samples)
+
+
+@pytest.mark.parametrize(
+    ("receiver", "emitter", "error"),
+    [
+        ([9], [0], IndexRangeError),
+        ([0], [-1], IndexRangeError),
+        ([0.0], [1.0], DTypeError),
+        ([0, 1], [1], ShapeError),
+    ],
+)
+def test_pairs_of_no_patches_are_refused(receiver: list, emitter: list, error: type) -> None:
+    rays = transport.BruteForceRays(BLOCKED)
+    pair = torch.tensor(receiver), torch.tensor(emitter)
+    with pytest.raises(error, match=r"receiver|emitter"):
+        transport.pair_visibility(geometry.Patches(BLOCKED), rays, *pair)
+
+
+@pytest.mark.parametrize(
+    ("given", "error"),
+    [
+        ({"exposure": torch.ones(5)}, ShapeError),
+        ({"closed": torch.ones(5, dtype=torch.bool)}, ShapeError),
+        ({"exposure": torch.tensor([math.nan, 1])}, InvalidValueError),
+    ],
+)
+def test_options_of_form_factors_fit_the_patches(
+    given: dict[str, torch.Tensor], error: type
+) -> None:
+    with pytest.raises(error, match=next(iter(given))):
+        transport.form_factors(geometry.Patches(PLATES), **given)
+
+
+def test_rays_over_a_map_end_with_it_and_start_in_it() -> None:
+    wall, sun = torch.tensor([[[0.0, 0.0, 0.0, 5.0]]]), torch.tensor([[0.8, 0.0, 0.6]])
+    hits = transport.height_field_hits(wall, sun)
+    assert torch.equal(transport.height_field_hits(wall, sun, steps=2**60), hits)
+    for start in (-1, 4):
+        with pytest.raises(IndexRangeError, match="start"):
+            transport.height_field_hits(wall, sun, start=torch.tensor([start]))
+    with pytest.raises((DTypeError, OutOfRangeError), match="steps"):
+        transport.height_field_hits(wall, sun, steps=-1)
+
+
+def test_shadows_of_no_source_are_refused() -> None:
+    with pytest.raises(ShapeError, match="sources"):
+        shade.cast_shadows(torch.ones(1, 1, 2, 2), [], pixel_size=1.0)
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [
+        solve.Direct(),
+        solve.ConjugateGradient(),
+        solve.GaussSeidel(),
+        solve.Southwell(),
+        solve.Neumann(60),
+    ],
+    ids=lambda solver: type(solver).__name__,
+)
+def test_rooms_in_a_batch_may_share_paint_and_light(solver: solve.AbstractSolver) -> None:
+    factors = torch.tensor([[0, 0.5], [0.5, 0]], dtype=torch.float64)
+    room = torch.stack((factors, factors / 2))
+    operator = solve.DenseOperator(room, torch.ones(2, 2, dtype=torch.float64))
+    paint, light = torch.full((2, 1), 0.5).double(), torch.ones(2, 1).double()
+    found = solve.solve_radiosity(operator, paint, light, solver).radiosity
+    # B = 1 + F B / 2 for both patches alike
+    expected = 1 / (1 - torch.tensor([0.25, 0.125], dtype=torch.float64))
+    torch.testing.assert_close(found, expected.reshape(2, 1, 1).expand(2, 2, 1))
 
 
 @pytest.mark.parametrize("seed", [math.nan, "3", 2**70])

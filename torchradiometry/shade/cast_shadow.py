@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import require_between
+from torchradiometry.errors import ShapeError, require_between
 from torchradiometry.geometry.depth import checked_size, depth_to_points
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
 from torchradiometry.numerics import single
@@ -72,6 +72,8 @@ def cast_shadows(
     >>> cast_shadows(wall, [from_the_right], pixel_size=1.0)[0, 0]
     tensor([[1., 0., 0., 1.]])
     """
+    if len(sources) == 0:
+        raise ShapeError("sources", "an empty list", "pass at least one source")
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
     facing, places = image_normals(field, view).to(depth.dtype), None

@@ -27,6 +27,7 @@ from torchradiometry.errors import (
     ShapeError,
     require_between,
     require_floating,
+    require_whole,
 )
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, safe_norm, wide
@@ -123,6 +124,7 @@ def exchange_areas(
     Arguments and errors as of `form_factors`.
     """
     _check(patches, rtol, budget)
+    _check_options(patches.count, samples, closed, exposure)
     area = Patches(patches.corners.to(torch.float64)).area
     if exposure is not None:
         area = area * exposure.to(area)
@@ -155,6 +157,18 @@ def _check(patches: Patches, rtol: float, budget: int) -> None:
         )
     if corners.shape[1] == 4:
         _check_quads(corners.detach())
+
+
+def _check_options(
+    patches: int, samples: int, closed: bool | Tensor, exposure: Tensor | None
+) -> None:
+    require_whole("samples", samples, 1, 2**16)
+    for name, given in (("closed", closed), ("exposure", exposure)):
+        if isinstance(given, Tensor) and given.shape != (patches,):
+            got = f"a tensor of shape {tuple(given.shape)}"
+            raise ShapeError(name, got, f"pass one for each of the {patches} patches")
+    if exposure is not None and not bool(torch.isfinite(exposure.detach()).all()):
+        raise InvalidValueError("exposure", "NaN or infinity", "pass shares, 0...1")
 
 
 @torch.no_grad()
