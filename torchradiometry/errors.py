@@ -9,6 +9,7 @@ leaves with exit code 2.
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -32,6 +33,10 @@ __all__ = [
     "ShapeError",
     "SingularSystemError",
 ]
+
+
+#: whole numbers from here on are not written out: Python refuses to for some
+LONGEST = 10**15
 
 
 class RadiometryError(Exception):
@@ -144,3 +149,32 @@ def require_device(where: str, tensor: Tensor, other: str, like: Tensor) -> None
     if tensor.device != like.device:
         got = f"a tensor on {tensor.device} beside {other} on {like.device}"
         raise DTypeError(where, got, "bring both to one device")
+
+
+def require_whole(where: str, value: object, least: int, most: int | None = None) -> None:
+    """Raise unless a value is a whole number of a range.
+
+    Raises:
+        DTypeError: another kind of value, truth values among them.
+        OutOfRangeError: too small, or too large.
+    """
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise DTypeError(where, f"{value!r}", "pass a whole number")
+    if value < least or (most is not None and value > most):
+        got = f"{value}" if abs(value) < LONGEST else "a number of more than 15 digits"
+        mend = f"pass {least} or more" + ("" if most is None else f", at most {most}")
+        raise OutOfRangeError(where, got, mend)
+
+
+def require_between(where: str, value: object, low: float, high: float, what: str) -> None:
+    """Raise unless a number lies inside a range, its ends left out; `what`: to pass.
+
+    Raises:
+        DTypeError: no number.
+        OutOfRangeError: NaN, or outside.
+    """
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        raise DTypeError(where, f"{value!r}", f"pass {what}")
+    if not low < value < high or abs(value) > sys.float_info.max:
+        got = f"{value!r}" if not abs(value) >= LONGEST else "a number of more than 15 digits"
+        raise OutOfRangeError(where, got, f"pass {what}")

@@ -129,7 +129,7 @@ def test_normals_that_are_passed_are_the_ones_used() -> None:
 def test_mistakes_are_named() -> None:
     depth = torch.ones(1, 1, 4, 4)
     for wrong in ({"azimuths": 3}, {"reach": 0}):
-        with pytest.raises(OutOfRangeError, match="azimuths, reach"):
+        with pytest.raises(OutOfRangeError, match=next(iter(wrong))):
             AmbientOcclusion(**wrong)
     layer = AmbientOcclusion(pixel_size=0.1)
     with pytest.raises(ShapeError, match="both or neither"):

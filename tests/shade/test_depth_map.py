@@ -210,7 +210,7 @@ def test_mistakes_are_named() -> None:
     depth, albedo = torch.ones(2, 1, 4, 4), torch.ones(2, 3, 4, 4)
     sun = DirectionalSource([0.0, 0.6, 0.8], [1.0])
     for wrong in ({"bounces": -1}, {"cells": 1}, {"azimuths": 3}):
-        with pytest.raises(OutOfRangeError, match="bounces, cells, azimuths"):
+        with pytest.raises(OutOfRangeError, match=next(iter(wrong))):
             DepthSettings(**wrong)
     for width in (0.0, 1.6, math.nan):
         with pytest.raises(OutOfRangeError, match="shadow_width"):

@@ -267,7 +267,7 @@ def test_the_layer_is_the_function(camera: str) -> None:
 def test_mistakes_are_named() -> None:
     depth, map_of = torch.ones(1, 1, 4, 4), torch.ones(1, 3, 4, 4)
     for wrong in ({"cells": 1}, {"bounces": 0}, {"azimuths": 3}, {"fine": 0}, {"cells": (4, 1)}):
-        with pytest.raises(OutOfRangeError, match="cells, bounces, azimuths, fine"):
+        with pytest.raises(OutOfRangeError, match=next(iter(wrong))):
             InterreflectionShading(**wrong)
     layer = InterreflectionShading(2, pixel_size=0.1)
     with pytest.raises(ShapeError, match="both or neither"):

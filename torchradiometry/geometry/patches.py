@@ -19,10 +19,10 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import (
-    OutOfRangeError,
     ResourceLimitError,
     ShapeError,
     require_axes,
+    require_between,
     require_floating,
     require_kind,
 )
@@ -153,8 +153,7 @@ def subdivide(patches: Patches, max_edge: float) -> tuple[Patches, Int[Tensor, "
     if corners.ndim != 3 or corners.shape[-1] != 3 or corners.shape[-2] not in (3, 4):
         got = f"corners of shape {tuple(corners.shape)}"
         raise ShapeError("patches", got, "pass `patch 3 3` triangles or `patch 4 3` quads")
-    if not 0 < max_edge < math.inf:
-        raise OutOfRangeError("max_edge", f"{max_edge!r}", "pass a length in m, > 0")
+    require_between("max_edge", max_edge, 0, math.inf, "a length in m, > 0")
     splits = _splits(corners.detach().double(), float(max_edge))
     _require_affordable(splits)
     parts, parents = [], []

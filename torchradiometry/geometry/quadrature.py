@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import require_whole
 from torchradiometry.numerics import safe_sqrt
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ def hemisphere_quadrature(
     """Product rule with `polar * azimuth` nodes.
 
     Args:
-        polar: Gauss-Legendre nodes in cos(theta), >= 1.
-        azimuth: equal steps in phi, >= 1.
+        polar: Gauss-Legendre nodes in cos(theta), 1...4096.
+        azimuth: equal steps in phi, 1...65536.
         dtype: default: torch's default dtype.
         device: default: torch's default device.
 
@@ -59,14 +59,15 @@ def hemisphere_quadrature(
         Directions about +z and weights in sr.
 
     Raises:
-        OutOfRangeError: fewer than one node.
+        DTypeError: no whole numbers.
+        OutOfRangeError: fewer than one node, or too many.
 
     >>> rule = hemisphere_quadrature(4, 8)
     >>> integrate_hemisphere(lambda w: w[..., 2], rule) / torch.pi
     tensor(1.0000)
     """
-    if polar < 1 or azimuth < 1:
-        raise OutOfRangeError("polar, azimuth", f"{polar}, {azimuth}", "pass at least one node")
+    require_whole("polar", polar, 1, 2**12)
+    require_whole("azimuth", azimuth, 1, 2**16)
     node, weight = (torch.from_numpy(a) for a in np.polynomial.legendre.leggauss(polar))
     cosine = ((node + 1) / 2).unsqueeze(-1)
     step = torch.arange(azimuth, dtype=torch.float64) + 0.5

@@ -24,6 +24,7 @@ baseline evaluations for intrinsic image algorithms", ICCV 2009; J. T. Barron an
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +42,13 @@ from torchradiometry.deploy.photographs import (
     read_photograph,
     read_photographs,
 )
-from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    FileFormatError,
+    InputFileError,
+    OutOfRangeError,
+    ShapeError,
+    require_whole,
+)
 from torchradiometry.learn.evaluation import Evaluation, evaluate
 from torchradiometry.learn.samples.data import Advance
 
@@ -82,6 +89,9 @@ def drawn_lights(available: int, lights: int, seed: int) -> list[int]:
     >>> drawn_lights(96, 4, seed=0)
     [36, 87, 5, 13]
     """
+    require_whole("available", available, 0, 2**24)
+    require_whole("lights", lights, 0)
+    require_whole("seed", seed, 0)
     return np.random.default_rng(seed).permutation(available)[:lights].tolist()
 
 
@@ -230,9 +240,15 @@ def evaluate_singles(
 def geometric_mean(values: Sequence[float]) -> float:
     """exp of the mean logarithm.
 
+    Raises:
+        OutOfRangeError: a value that is no finite number >= 0.
+
     >>> round(geometric_mean([1.0, 4.0]), 6)
     2.0
     """
+    for value in values:
+        if not 0 <= value < math.inf:
+            raise OutOfRangeError("values", f"{value!r}", "pass finite numbers >= 0")
     return float(np.exp(np.mean(np.log(values))))
 
 

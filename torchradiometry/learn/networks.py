@@ -30,7 +30,7 @@ import torch
 from torch import Tensor, nn
 from torch._higher_order_ops.while_loop import while_loop
 
-from torchradiometry.errors import require_axes
+from torchradiometry.errors import require_axes, require_between, require_whole
 from torchradiometry.numerics import (
     alike,
     guarded_divide,
@@ -105,7 +105,7 @@ def robust_normals(
     Args:
         intensity: any positive scale.
         direction: unit, to the lights.
-        rounds: after the plain fit, >= 0.
+        rounds: after the plain fit, 0...65536.
 
     Returns:
         b: albedo (in the scale of the intensities) times the normal. Found in float64: where
@@ -117,6 +117,7 @@ def robust_normals(
     """
     require_axes("intensity", intensity, None)
     require_axes("direction", direction, None, 3)
+    require_whole("rounds", rounds, 0, 2**16)
     values, light = wide(intensity, direction)
     products, across = _products(light), light.mT.clone()
 
@@ -176,8 +177,8 @@ def observation_map(
     Args:
         values: what to draw for each light.
         place: x and y of the light's direction, -1..1.
-        cells: grid points along an edge, over -1..1.
-        width: standard deviation s of the brush.
+        cells: grid points along an edge, over -1..1; 1...4096.
+        width: standard deviation s of the brush, > 0.
         weight: of each light, 0..1; by default 1.
 
     Returns:
@@ -188,6 +189,8 @@ def observation_map(
     """
     require_axes("values", values, None, None)
     require_axes("place", place, None, 2)
+    require_whole("cells", cells, 1, 2**12)
+    require_between("width", width, 0, 2**10, "the width of the brush, > 0")
     values, place = alike(values, place)
     grid = torch.linspace(-1, 1, cells, dtype=place.dtype, device=place.device)
     x, y = place.unbind(-1)
@@ -202,11 +205,7 @@ def observation_map(
 
 
 def _brush(distance: Tensor, width: float) -> Tensor:
-    """exp(-distance^2 / 2 width^2), cut at e^-30.
-
-    Beyond it the products would be subnormal numbers, which processors multiply a hundred
-    times more slowly; a share of e^-30 is far below the rounding of the sum.
-    """
+    """exp(-distance^2 / 2 width^2), cut at e^-30: subnormal products cost a hundredfold."""
     return torch.exp(-(distance * distance / (2 * width * width)).clamp(max=30))
 
 

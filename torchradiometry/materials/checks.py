@@ -32,7 +32,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_whole
 from torchradiometry.geometry.directions import spherical_direction
 from torchradiometry.geometry.quadrature import HemisphereQuadrature
 from torchradiometry.materials.base import AbstractMaterial
@@ -78,9 +78,10 @@ def mirror_quadrature(angle: float, polar: int = 20, azimuth: int = 64) -> Hemis
     """
     if not 0 <= angle <= math.pi / 2:
         raise OutOfRangeError("angle", f"{angle:g}", "give radians in 0..pi/2")
-    if polar < 1 or azimuth < 2 or azimuth % 2:
-        mend = "pass at least one node, and an even number in azimuth"
-        raise OutOfRangeError("polar, azimuth", f"{polar}, {azimuth}", mend)
+    require_whole("polar", polar, 1, 2**12)
+    require_whole("azimuth", azimuth, 2, 2**16)
+    if azimuth % 2:
+        raise OutOfRangeError("azimuth", f"{azimuth}", "pass an even number")
     alpha, weight_alpha = _panels(angle, polar)
     half = _half_width(alpha, angle).unsqueeze(-1)
     node, weight = _around(angle, azimuth)
@@ -182,7 +183,8 @@ def reciprocity_error(
         0 up to rounding for a reciprocal material; largest over pixels and channels.
 
     Raises:
-        OutOfRangeError: fewer than two pairs.
+        DTypeError: no whole numbers.
+        OutOfRangeError: fewer than two pairs, or more than 2^20; a seed of more than 64 bits.
 
     Differentiable in: the parameters of the material.
     Export: no, a check.
@@ -191,8 +193,8 @@ def reciprocity_error(
     >>> reciprocity_error(Lambertian(0.75)).item()
     0.0
     """
-    if samples < 2:
-        raise OutOfRangeError("samples", f"{samples}", "ask for at least two pairs")
+    require_whole("samples", samples, 2, 2**20)
+    require_whole("seed", seed, -(2**63), 2**63 - 1)
     wi, wo = (w.to(_device(material)) for w in _pairs(samples, seed))
     batch, _ = _batch(material)
     wi, wo = (w.reshape(-1, *[1] * batch, 3) for w in (wi, wo))

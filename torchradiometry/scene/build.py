@@ -14,7 +14,7 @@ import torch
 import trimesh
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import OutOfRangeError, ShapeError, require_between
 from torchradiometry.geometry.cameras import PinholeCamera, look_at
 from torchradiometry.numerics import safe_normalize
 from torchradiometry.scene.scene import Scene
@@ -99,6 +99,7 @@ def box(
     >>> box("crate", (1, 1, 1)).count
     12
     """
+    require_between("turn", turn, -math.inf, math.inf, "finite radians")
     if len(size) != 3 or not all(0 < s < math.inf for s in size):
         raise OutOfRangeError("size", f"{size!r}", "pass three lengths in m, > 0")
     unknown = [side for side in sides if side not in SIDES]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import ShapeError, require_whole
 from torchradiometry.geometry.depth import checked_size
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
 from torchradiometry.numerics import single
@@ -108,9 +108,9 @@ class AmbientOcclusion(nn.Module):
         self, azimuths: int = 8, reach: int | None = None, *, pixel_size: float | None = None
     ) -> None:
         super().__init__()
-        if azimuths < 4 or (reach is not None and reach < 1):
-            got = f"{azimuths}, {reach}"
-            raise OutOfRangeError("azimuths, reach", got, "pass at least 4, and at least 1 or None")
+        require_whole("azimuths", azimuths, 4, 2**12)
+        if reach is not None:
+            require_whole("reach", reach, 1)
         self.azimuths, self.reach = azimuths, reach
         self.pixel_size = checked_size(pixel_size)
 

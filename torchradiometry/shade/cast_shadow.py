@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import ShapeError, require_between
 from torchradiometry.geometry.depth import checked_size, depth_to_points
 from torchradiometry.geometry.image_space import height_field, image_normals, view_of
 from torchradiometry.numerics import single
@@ -72,6 +72,8 @@ def cast_shadows(
     >>> cast_shadows(wall, [from_the_right], pixel_size=1.0)[0, 0]
     tensor([[1., 0., 0., 1.]])
     """
+    if len(sources) == 0:
+        raise ShapeError("sources", "an empty list", "pass at least one source")
     view = view_of(depth, intrinsics, pixel_size)
     field = height_field(depth, view.perspective)
     facing, places = image_normals(field, view).to(depth.dtype), None
@@ -120,8 +122,8 @@ class CastShadow(nn.Module):
         pixel_size: float | None = None,
     ) -> None:
         super().__init__()
-        if width is not None and not 0 < width < 1.57:
-            raise OutOfRangeError("width", f"{width!r}", "pass radians, 0 < width < pi/2, or None")
+        if width is not None:
+            require_between("width", width, 0, 1.57, "radians, 0 < width < pi/2, or None")
         self.width, self.pixel_size = width, checked_size(pixel_size)
         self.sources = nn.ModuleList([] if sources is None else chosen_sources([], sources))
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import OutOfRangeError, ShapeError, require_whole
 from torchradiometry.geometry.depth import checked_size, depth_to_normals, depth_to_points
 from torchradiometry.geometry.image_space import is_seen
 from torchradiometry.materials.lobes import AbstractLobe
@@ -72,10 +72,8 @@ class DepthSettings:
     specular: bool = True
 
     def __post_init__(self) -> None:
-        if self.bounces < 0 or self.cells < 2 or self.azimuths < 4:
-            got = f"{self.bounces}, {self.cells}, {self.azimuths}"
-            mend = "pass bounces >= 0, cells >= 2, azimuths >= 4"
-            raise OutOfRangeError("bounces, cells, azimuths", got, mend)
+        for name, least in (("bounces", 0), ("cells", 2), ("azimuths", 4)):
+            require_whole(name, getattr(self, name), least)
         if self.shadow_width is not None and not 0 < self.shadow_width < math.pi / 2:
             got = f"{self.shadow_width!r}"
             raise OutOfRangeError("shadow_width", got, "pass radians, 0 < width < pi/2, or None")

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError, ShapeError
+from torchradiometry.errors import ShapeError, require_whole
 from torchradiometry.geometry.depth import checked_size
 from torchradiometry.geometry.image_space import (
     HeightField,
@@ -231,11 +231,15 @@ class InterreflectionShading(nn.Module):
         pixel_size: float | None = None,
     ) -> None:
         super().__init__()
-        self.cells = (cells, cells) if isinstance(cells, int) else (int(cells[0]), int(cells[1]))
-        if min(self.cells) < 2 or bounces < 1 or azimuths < 4 or fine < 1:
-            got = f"{self.cells}, {bounces}, {azimuths}, {fine}"
-            mend = "pass at least 2 x 2 cells, 1 bounce, 4 azimuths, 1 height a cell"
-            raise OutOfRangeError("cells, bounces, azimuths, fine", got, mend)
+        if isinstance(cells, tuple | list) and len(cells) != 2:
+            raise ShapeError("cells", f"{cells!r}", "pass rows and columns, or one number for both")
+        across, down = cells if isinstance(cells, tuple | list) else (cells, cells)
+        least = {"bounces": (bounces, 1), "azimuths": (azimuths, 4), "fine": (fine, 1)}
+        for name, (value, low) in least.items():
+            require_whole(name, value, low)
+        for size in (across, down):
+            require_whole("cells", size, 2)
+        self.cells = (across, down)
         self.bounces, self.tail, self.azimuths, self.fine = bounces, tail, azimuths, fine
         self.pixel_size = checked_size(pixel_size)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import require_between
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.solve.hierarchical_operator import HierarchicalOperator
 from torchradiometry.transport.closure import capping_scale, closing_scale
@@ -71,8 +71,7 @@ def hierarchical_operator(
     >>> F(torch.tensor([[1.0], [0.0]])).T.round(decimals=3)  # opposite faces of a cube
     tensor([[0.0000, 0.2000]], dtype=torch.float64)
     """
-    if not 0 < tolerance < 1:
-        raise OutOfRangeError("tolerance", f"{tolerance!r}", "pass a share, 0 < tolerance < 1")
+    require_between("tolerance", tolerance, 0, 1, "a share, 0 < tolerance < 1")
     links = exchange_links(patches, rays, _limits(tolerance), budget=budget, seed=seed)
     fields = links._asdict()
     full = fields.pop("area")

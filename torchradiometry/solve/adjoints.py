@@ -35,11 +35,10 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.utils.checkpoint import checkpoint
 
-from torchradiometry.errors import DTypeError
+from torchradiometry.errors import DTypeError, require_whole
 from torchradiometry.solve.operators import AbstractOperator, as_operator, per_area, reflected
 from torchradiometry.solve.solution import Solution
 from torchradiometry.solve.solver import AbstractSolver, Approximation, broadcast
-from torchradiometry.solve.stopping import check_count
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -89,7 +88,7 @@ class Unrolled(AbstractAdjoint):
 
     def __post_init__(self) -> None:
         if self.checkpoint is not None:
-            check_count("checkpoint", self.checkpoint, 1)
+            require_whole("checkpoint", self.checkpoint, 1)
 
     def solve(
         self,
@@ -183,7 +182,7 @@ class Truncated(AbstractTransposed):
     bounces: int
 
     def __post_init__(self) -> None:
-        check_count("bounces", self.bounces)
+        require_whole("bounces", self.bounces, 0)
 
     def solves(self, solver: AbstractSolver, operator: AbstractOperator, albedo: Tensor) -> Solves:
         return Solves(

@@ -73,6 +73,10 @@ class GaussSeidel(AbstractSolver):
     def approximate(
         self, operator: AbstractOperator, albedo: Tensor, exitance: Tensor
     ) -> Approximation:
+        # one exitance may stand for a batch of rooms, in which each gets a radiosity of its own
+        rooms = operator.rows(0, 1).shape[:-2]
+        batch = torch.broadcast_shapes(rooms, albedo.shape[:-2], exitance.shape[:-2])
+        exitance = exitance.expand(*batch, *exitance.shape[-2:])
         allowed = allowed_residual(operator, albedo, self.tolerance)
         balance = None if operator.area is None else balance_of(operator, albedo)
         radiosity, done, sweeps = exitance, torch.zeros_like(allowed) > 0, 0

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, final
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_whole
 from torchradiometry.solve.ambient import with_ambient_tail
 from torchradiometry.solve.operators import (
     AbstractOperator,
@@ -26,7 +27,6 @@ from torchradiometry.solve.operators import (
 )
 from torchradiometry.solve.solution import Solution
 from torchradiometry.solve.solver import AbstractSolver, Approximation
-from torchradiometry.solve.stopping import check_count
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -131,7 +131,7 @@ class Neumann(AbstractSolver):
     unrolls: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        check_count("bounces", self.bounces)
+        require_whole("bounces", self.bounces, 0)
 
     def approximate(
         self, operator: AbstractOperator, albedo: Tensor, exitance: Tensor

@@ -25,12 +25,12 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_whole
 from torchradiometry.solve.ambient import with_ambient_tail
 from torchradiometry.solve.balance import Balance, balance_of
 from torchradiometry.solve.operators import AbstractOperator, reflected
 from torchradiometry.solve.solver import AbstractSolver, Approximation
-from torchradiometry.solve.stopping import allowed_residual, check_count, check_limits, settled
+from torchradiometry.solve.stopping import allowed_residual, check_limits, settled
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -102,7 +102,7 @@ class Southwell(AbstractSolver):
 
     def __post_init__(self) -> None:
         check_limits(self.tolerance, "max_shots", self.max_shots)
-        check_count("at_once", self.at_once, 1)
+        require_whole("at_once", self.at_once, 1)
         if self.max_seconds is not None and not self.max_seconds >= 0:
             raise OutOfRangeError("max_seconds", f"{self.max_seconds}", "pass s >= 0 or None")
 

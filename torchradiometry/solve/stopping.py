@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import DTypeError, OutOfRangeError
+from torchradiometry.errors import OutOfRangeError, require_whole
 from torchradiometry.solve.operators import AbstractOperator
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
-__all__ = ["allowed_residual", "check_count", "check_limits", "settled"]
+__all__ = ["allowed_residual", "check_limits", "settled"]
 
 
 @torch.no_grad()
@@ -45,12 +45,4 @@ def check_limits(tolerance: float, name: str, most: int) -> None:
     """Refuse a tolerance that is no share, and a count that is none."""
     if not (isinstance(tolerance, float | int) and math.isfinite(tolerance) and tolerance >= 0):
         raise OutOfRangeError("tolerance", f"{tolerance!r}", "pass a number >= 0, such as 1e-3")
-    check_count(name, most, 1)
-
-
-def check_count(name: str, value: object, least: int = 0) -> None:
-    """Refuse what is no whole number, or too small a one."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise DTypeError(name, f"{value!r}", "pass a whole number")
-    if value < least:
-        raise OutOfRangeError(name, f"{value}", f"pass {least} or more")
+    require_whole(name, most, 1)

@@ -22,9 +22,9 @@ from torch import Tensor
 
 from torchradiometry.errors import (
     DegenerateGeometryError,
-    OutOfRangeError,
     ShapeError,
     require_floating,
+    require_whole,
 )
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.geometry.polygon_irradiance import (
@@ -293,8 +293,7 @@ class PolygonSource(AbstractSource):
         learnable: bool = False,
     ) -> None:
         super().__init__()
-        if samples < 1:
-            raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
+        require_whole("samples", samples, 1, 2**24)
         self.two_sided, self.samples = two_sided, samples
         outline = torch.as_tensor(corners)
         outline = outline.unsqueeze(0) if outline.ndim == 2 else outline

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, require_floating
+from torchradiometry.errors import require_floating, require_whole
 from torchradiometry.numerics import (
     dot,
     guarded_divide,
@@ -150,17 +150,22 @@ def fibonacci_directions(samples: int, dtype: torch.dtype) -> Float[Tensor, "sam
     z_k = 1 - (2 k + 1) / samples, each a golden angle, pi (3 - sqrt 5), further round.
 
     Args:
-        samples: how many, >= 1.
+        samples: how many, 1...2^24.
         dtype: of the answer.
 
     Returns:
         Unit vectors.
+
+    Raises:
+        DTypeError: no whole number.
+        OutOfRangeError: none, or too many.
 
     References: Gonzalez (2010), eq. 1.
 
     >>> fibonacci_directions(2, torch.float32)[:, 2]
     tensor([ 0.5000, -0.5000])
     """
+    require_whole("samples", samples, 1, 2**24)
     step = torch.arange(samples, dtype=torch.float64)
     height = 1 - (2 * step + 1) / samples
     turn = math.pi * (3 - math.sqrt(5)) * step
@@ -204,8 +209,7 @@ class SphereSource(AbstractSource):
         learnable: bool = False,
     ) -> None:
         super().__init__()
-        if samples < 1:
-            raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
+        require_whole("samples", samples, 1, 2**24)
         self.samples = samples
         self._hold("center", center, learnable, last=3)
         self._hold("radius", radius, learnable, last=1, least=0)

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import InvalidValueError, require_axes
+from torchradiometry.errors import InvalidValueError, require_axes, require_between
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.contour import contour_exchange
@@ -73,6 +73,9 @@ def polygon_exchange(
         m2, float64, >= 0; 0 where either has no area, lies behind the other, or in its plane
         (coincident faces see nothing of each other).
 
+    Raises:
+        DTypeError, OutOfRangeError: an `rtol` that is no number between 0 and 1.
+
     Differentiable in: both (kinks where a corner crosses the other's plane and where edges
         meet; finite there).
     Export: no, the choice of rules depends on the data; `UnoccludedFormFactors` does.
@@ -85,6 +88,7 @@ def polygon_exchange(
     """
     require_axes("first", first, None, None, 3)
     require_axes("second", second, None, None, 3)
+    require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     first, second = wide(first, second)
     every = torch.arange(len(first), device=first.device)
     return _exchange(first, second, every, every, rtol)
@@ -102,6 +106,7 @@ def unoccluded_exchange(patches: Patches, rtol: float = RTOL) -> Float[Tensor, "
 
     Raises:
         InvalidValueError: NaN or infinite corners.
+        DTypeError, OutOfRangeError: an `rtol` that is no number between 0 and 1.
 
     Differentiable in: corners (kinks where a corner crosses another patch's plane).
     Export: no, see `polygon_exchange`.
@@ -109,6 +114,7 @@ def unoccluded_exchange(patches: Patches, rtol: float = RTOL) -> Float[Tensor, "
     require_axes("patches", patches.corners, None, None, 3)
     if not bool(torch.isfinite(patches.corners.detach()).all()):
         raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
+    require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     corners = wide(patches.corners)[0]
     upper, i, j = dense_exchange(corners, rtol)
     upper = upper.index_put((i, j), _exchange(corners, corners, i, j, rtol))

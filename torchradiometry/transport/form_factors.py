@@ -22,12 +22,15 @@ from torch import Tensor
 
 from torchradiometry.errors import (
     DegenerateGeometryError,
+    DTypeError,
     InvalidValueError,
     OutOfRangeError,
     ResourceLimitError,
     ShapeError,
+    require_between,
     require_floating,
     require_kind,
+    require_whole,
 )
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import guarded_divide, safe_norm, wide
@@ -150,16 +153,25 @@ def _check_options(
     """What is not the patches themselves."""
     if rays is not None:
         require_kind("rays", rays, AbstractRayCaster, "ray caster, such as EmbreeRays(triangles)")
-    for name, number in (("samples", samples), ("seed", seed)):
-        require_kind(name, number, int, "whole number")
-    if samples < 1:
-        raise OutOfRangeError("samples", f"{samples}", "pass at least 1")
-    for name, values in (("closed", closed), ("exposure", exposure)):
-        if isinstance(values, Tensor) and values.shape != (patches.count,):
-            got = f"shape {tuple(values.shape)} for {patches.count} patches"
-            raise ShapeError(name, got, "pass one value for each patch")
-    if exposure is not None and not bool(((exposure >= 0) & (exposure <= 1)).all()):
+    require_whole("samples", samples, 1, 2**16)
+    require_kind("seed", seed, int, "whole number")
+    if not isinstance(closed, bool):
+        _require_one_each("closed", closed, patches.count)
+    if exposure is None:
+        return
+    _require_one_each("exposure", exposure, patches.count)
+    if not bool(torch.isfinite(exposure.detach()).all()):
+        raise InvalidValueError("exposure", "NaN or infinity", "pass shares, 0...1")
+    if not bool(((exposure >= 0) & (exposure <= 1)).all()):
         raise OutOfRangeError("exposure", "values outside 0..1", "pass the share that lies free")
+
+
+def _require_one_each(name: str, values: object, count: int) -> None:
+    if not isinstance(values, Tensor):
+        raise DTypeError(name, f"{values!r}", f"pass a tensor of {count} values")
+    if values.shape != (count,):
+        got = f"shape {tuple(values.shape)} for {count} patches"
+        raise ShapeError(name, got, "pass one value for each patch")
 
 
 def _check(patches: Patches, rtol: float, budget: int) -> None:
@@ -172,8 +184,7 @@ def _check(patches: Patches, rtol: float, budget: int) -> None:
         )
     if not bool(torch.isfinite(corners.detach()).all()):
         raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
-    if not 0 < rtol < 1:
-        raise OutOfRangeError("rtol", f"{rtol!r}", "pass a relative error such as 1e-10 or 1e-3")
+    require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     needed = MATRICES * 8 * patches.count**2
     if needed > budget:
         raise ResourceLimitError(

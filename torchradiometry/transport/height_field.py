@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError, require_axes
+from torchradiometry.errors import IndexRangeError, ShapeError, require_axes, require_whole
 from torchradiometry.numerics import (
     alike,
     safe_norm,
@@ -117,6 +117,10 @@ def height_field_hits(
     Returns:
         Index of the pixel met.
 
+    Raises:
+        IndexRangeError: a start outside the image (a compiled graph does not look).
+        DTypeError, OutOfRangeError: steps that are no whole number from 0.
+
     Differentiable in: nothing.
     Export: compile yes; ONNX no, the number of steps follows the size of the map.
 
@@ -127,14 +131,23 @@ def height_field_hits(
     require_axes("height", height, None, None, None)
     require_axes("direction", direction, None, 3)
     rows, columns = height.shape[-2:]
+    across = max(rows, columns) - 1  # further on there is no pixel
+    if steps is not None:
+        require_whole("steps", steps, 0)
+        across = min(across, steps)
     field = (height / pixel_size).flatten(1)
+    if start is not None and not torch.compiler.is_compiling():
+        wrong = start[(start < 0) | (start >= rows * columns)]
+        if len(wrong):
+            mend = f"pass pixels of the image, 0 to {rows * columns - 1}"
+            raise IndexRangeError("start", f"{int(wrong[0])}", mend)
     if start is None:
         start = torch.arange(rows * columns, device=height.device)
     row, column = start // columns, start % columns
     step, rise = _steps(direction)
     shape = (len(direction), len(height), len(start))
     met = torch.full(shape, -1, dtype=torch.int64, device=height.device)
-    for reach in range(1, 1 + (max(rows, columns) - 1 if steps is None else steps)):
+    for reach in range(1, 1 + across):
         moved = torch.round(step * reach).to(torch.int64)
         there_row, there_column = row + moved[:, :1], column + moved[:, 1:]
         inside = (there_row >= 0) & (there_row < rows)

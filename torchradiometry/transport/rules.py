@@ -24,7 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, require_axes
+from torchradiometry.errors import require_axes, require_whole
 from torchradiometry.geometry.patches import Patches, subdivide
 from torchradiometry.numerics import (
     guarded_divide,
@@ -77,8 +77,12 @@ def patch_points(
 
     Args:
         corners: of triangles or planar convex quads, m.
-        degree: polynomials up to it are averaged exactly, >= 1.
-        split: the patch is cut into split^2 similar parts first.
+        degree: polynomials up to it are averaged exactly, 1...256.
+        split: the patch is cut into split^2 similar parts first, 1...1024.
+
+    Raises:
+        DTypeError: no whole numbers.
+        OutOfRangeError: others.
 
     Differentiable in: corners.
     Export: degrees 1, 2 and 5: compile yes, ONNX yes.
@@ -87,8 +91,8 @@ def patch_points(
     tensor([[[0.3333, 0.3333, 0.3333]]])
     """
     require_axes("corners", corners, None, None, 3)
-    if degree < 1:
-        raise OutOfRangeError("degree", f"{degree}", "pass at least 1")
+    require_whole("degree", degree, 1, 2**8)
+    require_whole("split", split, 1, 2**10)
     share, weight = corner_shares(corners.shape[-2], degree, corners, split)
     position = torch.einsum("kc,pcx->pkx", share, corners)
     if corners.shape[-2] == 3:

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import OutOfRangeError, require_floating
+from torchradiometry.errors import require_floating, require_whole
 from torchradiometry.geometry.clipping import clip_slots
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.numerics import dot, guarded_divide, safe_norm, safe_normalize, wide
@@ -189,8 +189,7 @@ class UnoccludedFormFactors(nn.Module):
 
     def __init__(self, order: int = 24) -> None:
         super().__init__()
-        if order < 1:
-            raise OutOfRangeError("order", f"{order}", "pass at least 1")
+        require_whole("order", order, 1, 2**10)
         node, weight = graded_line(order)
         self.register_buffer("node", node, persistent=False)
         self.register_buffer("weight", weight, persistent=False)

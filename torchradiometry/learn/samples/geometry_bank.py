@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_whole
 from torchradiometry.learn.samples.shapes import random_shapes
 from torchradiometry.numerics import clamped_cosine, safe_normalize
 from torchradiometry.transport.height_field import height_field_hits, height_field_visibility
@@ -66,6 +67,7 @@ def random_lights(count: int, generator: torch.Generator) -> Float[Tensor, "ligh
     The widest spread is 25 to 65 degrees from the viewing direction, as in rigs of lamps
     around a camera.
     """
+    require_whole("count", count, 0, 2**24)
     widest = math.sin(math.radians(25 + 40 * float(torch.rand((), generator=generator))))
     narrow = 0.55 + 0.45 * float(torch.rand((), generator=generator))
     turn = 2 * math.pi * float(torch.rand((), generator=generator))

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.errors import require_whole
 from torchradiometry.learn.samples.geometry_bank import SurfaceBank
 from torchradiometry.materials.microfacet import microfacet_brdf
 from torchradiometry.materials.oren_nayar import oren_nayar_brdf
@@ -91,6 +92,8 @@ def random_materials(shapes: int, pixels: int, generator: torch.Generator) -> Ma
     def uniform(low: float, high: float, *size: int) -> Tensor:
         return low + (high - low) * torch.rand(size, generator=generator)
 
+    require_whole("shapes", shapes, 0, 2**16)
+    require_whole("pixels", pixels, 0, 2**24)
     kind = uniform(0, 1, shapes, 1)
     matt, metal = (kind < MATT).float(), (kind > 1 - METAL).float()
     base = uniform(0.08, 0.95, shapes, 1) * (1 - 0.8 * metal)
