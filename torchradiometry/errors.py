@@ -117,7 +117,10 @@ class NoGraphicsError(RadiometryError, RuntimeError):
 
 
 def require_floating(where: str, tensor: Tensor) -> None:
-    """Raise `DTypeError` unless a tensor holds real floating-point numbers."""
+    """Raise `DTypeError` unless it is a tensor that holds real floating-point numbers."""
+    if not hasattr(tensor, "is_floating_point"):
+        got = "None" if tensor is None else f"a {type(tensor).__name__}"
+        raise DTypeError(where, got, "pass a tensor of floating-point numbers")
     if not tensor.is_floating_point():
         raise DTypeError(where, f"a tensor of {tensor.dtype}", "pass floating-point numbers")
 

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchradiometry.errors import (
+    DTypeError,
     FileFormatError,
     InputFileError,
     InvalidValueError,
@@ -67,13 +68,20 @@ MAX_JSON = 2**26
 PICTURE_ENDINGS = (".npy", ".exr", ".hdr", ".png")
 
 
+def as_path(path: str | Path) -> Path:
+    """The path; `DTypeError` if it is none."""
+    if not isinstance(path, str | os.PathLike):
+        raise DTypeError("path", f"{path!r}"[:60], "pass a name or a `Path`")
+    return Path(path)
+
+
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A temporary name beside `path`, renamed to it when the block ends without an error.
 
     The ending is kept, so libraries that look at it write the right format.
     """
-    path = Path(path)
+    path = as_path(path)
     if not path.parent.is_dir():
         raise InputFileError(str(path), "a folder that does not exist", f"create {path.parent}")
     if path.is_dir():
@@ -97,7 +105,7 @@ def clear_half_files(folder: str | Path) -> None:
 
 def check_folder_place(folder: str | Path, what: str) -> Path:
     """The path, if a folder is there or can be made there; otherwise a named error."""
-    folder = Path(folder)
+    folder = as_path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputFileError(str(folder), "a file", f"name a folder for the {what}")
     if not folder.absolute().parent.is_dir():
@@ -115,7 +123,7 @@ def _umask() -> int:
 
 def check_readable(path: str | Path, what: str, most: int = MAX_BYTES) -> Path:
     """The path, if it is a file of at most `most` bytes; otherwise a named error."""
-    path = Path(path)
+    path = as_path(path)
     if path.is_dir():
         raise InputFileError(str(path), "a folder", f"name the {what} itself")
     if not path.is_file():

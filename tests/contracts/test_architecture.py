@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "torchradiometry"
 FLOORS = (
-    {"quantities", "numerics", "errors", "files", "archives"},
+    {"quantities", "numerics", "errors", "arguments", "files", "archives"},
     {"geometry", "deploy"},
     {"sources", "materials", "transport", "solve"},
     {"shade"},
@@ -26,6 +26,7 @@ WITHIN_BASE = {
     "numerics": set(),
     "errors": set(),
     "quantities": set(),
+    "arguments": {"errors"},
     "files": {"errors"},
     "archives": {"errors", "files"},
 }

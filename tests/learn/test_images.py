@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from torchradiometry.errors import IndexRangeError, OutOfRangeError
+from torchradiometry.learn.lambert_fit import least_squares
 from torchradiometry.learn.losses import angle_degrees
-from torchradiometry.learn.networks import least_squares
 from torchradiometry.learn.samples import geometry_bank, images
 from torchradiometry.learn.samples.data import (
     PhotometricSamples,

@@ -7,13 +7,12 @@ import torch
 
 from torchradiometry.deploy.runtime import open_model, run_model
 from torchradiometry.export.onnx_file import export_onnx
+from torchradiometry.learn.lambert_fit import least_squares, robust_normals
 from torchradiometry.learn.losses import angle_degrees, chord_loss
 from torchradiometry.learn.networks import (
     PhotometricNetwork,
     ShadingNetwork,
-    least_squares,
     observation_map,
-    robust_normals,
 )
 
 

@@ -15,8 +15,8 @@ from torchradiometry.errors import (
     ResourceLimitError,
 )
 from torchradiometry.learn import PhotometricTraining, ShadingTraining, load_checkpoint, train
+from torchradiometry.learn.lambert_fit import robust_normals
 from torchradiometry.learn.losses import angle_degrees
-from torchradiometry.learn.networks import robust_normals
 from torchradiometry.learn.samples.data import SurfaceOptions
 
 PHOTOMETRIC = PhotometricTraining(

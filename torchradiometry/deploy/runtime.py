@@ -31,6 +31,7 @@ from torchradiometry.errors import (
     OutOfRangeError,
     ResourceLimitError,
     ShapeError,
+    require_whole,
 )
 from torchradiometry.files import check_readable
 
@@ -81,12 +82,15 @@ def open_model(path: str | Path, *, threads: int | None = None) -> Model:
 
     Raises:
         InputFileError: no such file.
+        DTypeError, OutOfRangeError: no path, or threads that are no whole number from 1.
         ResourceLimitError: a larger file, more than 2^18 nodes, names and tensors, or no answer
             within a minute.
         FileFormatError: not a complete ONNX model, one that needs what onnxruntime lacks, or one
             with functions of its own or sparse tensors, which may unpack to any size.
         MissingDependencyError: onnxruntime is not installed.
     """
+    if threads is not None:
+        require_whole("threads", threads, 1, 2**10)
     path = check_readable(path, "ONNX model", MAX_WEIGHTS)
     data = path.read_bytes()  # bytes, not the path: files beside the model are out of its reach
     _check_graph(path, data)

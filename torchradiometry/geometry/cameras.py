@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TYPE_CHECKING, NamedTuple, final
 
 import torch
@@ -33,6 +34,7 @@ from kornia.geometry.conversions import (
 )
 from torch import Tensor
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import (
     DegenerateGeometryError,
     DTypeError,
@@ -334,20 +336,14 @@ def rigid(matrix: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
 
 def _vectors(**named: object) -> list[Tensor]:
     """The arguments as 3-vectors of one floating dtype."""
-    tensors = [torch.as_tensor(value) for value in named.values()]
+    tensors = [as_numbers(f"look_at {name}", value) for name, value in named.items()]
     for name, t in zip(named, tensors, strict=True):
         if t.shape != (3,):
             raise ShapeError(f"look_at {name}", f"shape {tuple(t.shape)}", "pass a 3-vector")
-        if t.is_complex():
-            raise DTypeError(f"look_at {name}", f"a tensor of {t.dtype}", "pass real numbers")
         if not bool(torch.isfinite(t).all()):
             raise InvalidValueError(f"look_at {name}", f"{t.tolist()}", "pass finite numbers")
-    floating = [t.dtype for t in tensors if t.is_floating_point()]
-    dtype = floating[0] if floating else torch.get_default_dtype()
-    for other in floating:
-        dtype = torch.promote_types(dtype, other)
-    device = tensors[0].device
-    return [t.to(dtype=dtype, device=device) for t in tensors]
+    dtype = reduce(torch.promote_types, (t.dtype for t in tensors))
+    return [t.to(dtype=dtype, device=tensors[0].device) for t in tensors]
 
 
 def _half_turn(like: Tensor) -> Tensor:

@@ -28,8 +28,8 @@ from kornia.geometry.camera import unproject_points, unproject_points_orthograph
 from torch import Tensor, nn
 from torch.nn import functional
 
-from torchradiometry.errors import OutOfRangeError, ShapeError, require_floating
-from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.errors import ShapeError, require_floating
+from torchradiometry.geometry.image_space import checked_size, height_field, image_normals, view_of
 from torchradiometry.numerics import safe_normalize, wide
 
 if TYPE_CHECKING:
@@ -92,7 +92,6 @@ def points_to_normals(points: Float[Tensor, "B 3 H W"]) -> Float[Tensor, "B 3 H 
     Export: compile yes, ONNX yes.
     """
     _require_axes("points", points, 3)
-    require_floating("points", points)
     seen = (points.abs() < torch.inf).all(1, keepdim=True)
     (clean,) = wide(torch.where(seen, points, 0))
     return _normals(clean, seen).to(points.dtype)
@@ -168,7 +167,6 @@ def _points(
 ) -> tuple[Tensor, Tensor]:
     """Points in float64, finite everywhere, and where they were seen (`B 1 H W`)."""
     _require_axes("depth", depth, 1)
-    require_floating("depth", depth)
     if (intrinsics is None) == (pixel_size is None):
         got = "both or neither"
         raise ShapeError("intrinsics, pixel_size", got, "pass the one that fits the camera")
@@ -197,10 +195,10 @@ def _pixels(like: Tensor) -> Tensor:
 
 def _matrices(intrinsics: Tensor, depth: Tensor) -> Tensor:
     """K as `B 1 1 3 3` in float64."""
+    require_floating("intrinsics", intrinsics)
     if intrinsics.shape[-2:] != (3, 3) or intrinsics.ndim not in (2, 3):
         got = f"a tensor of shape {tuple(intrinsics.shape)}"
         raise ShapeError("intrinsics", got, "pass `3 3` or `B 3 3`")
-    require_floating("intrinsics", intrinsics)
     (matrix,) = wide(intrinsics)
     return matrix.reshape(-1, 1, 1, 3, 3).to(depth.device)
 
@@ -230,12 +228,7 @@ def _tangent(points: Tensor, seen: Tensor, axis: int) -> Tensor:
 
 
 def _require_axes(name: str, tensor: Tensor, channels: int) -> None:
+    require_floating(name, tensor)
     if tensor.ndim != 4 or tensor.shape[1] != channels or 0 in tensor.shape[2:]:
         got = f"a tensor of shape {tuple(tensor.shape)}"
         raise ShapeError(name, got, f"pass B x {channels} x H x W")
-
-
-def checked_size(pixel_size: float | None) -> float | None:
-    if pixel_size is not None and not 0 < pixel_size < float("inf"):
-        raise OutOfRangeError("pixel_size", f"{pixel_size!r}", "pass a length in m, > 0")
-    return pixel_size

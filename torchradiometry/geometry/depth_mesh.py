@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import ShapeError
+from torchradiometry.errors import ShapeError, require_floating
 from torchradiometry.geometry.depth import depth_to_points
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def depth_to_mesh(
     >>> faces.tolist()
     [[0, 2, 3], [0, 3, 1]]
     """
+    require_floating("depth", depth)
     if depth.ndim != 4 or depth.shape[0] != 1:
         got = f"a tensor of shape {tuple(depth.shape)}"
         raise ShapeError("depth", got, "pass 1 x 1 x H x W, one map at a time")

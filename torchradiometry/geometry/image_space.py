@@ -28,6 +28,7 @@ References: R. Hartley and A. Zisserman, *Multiple View Geometry*, 2nd ed. (2004
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -35,7 +36,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from torchradiometry.errors import DTypeError, ShapeError, require_floating
+from torchradiometry.errors import ShapeError, require_between, require_floating
 from torchradiometry.numerics import single
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ __all__ = [
     "HeightField",
     "Slices",
     "View",
+    "checked_size",
     "height_field",
     "image_normals",
     "is_seen",
@@ -117,6 +119,13 @@ class Slices(NamedTuple):
     density: Tensor
 
 
+def checked_size(pixel_size: float | None) -> float | None:
+    """The side of a pixel, which must be a length if there is one."""
+    if pixel_size is not None:
+        require_between("pixel_size", pixel_size, 0, math.inf, "a length in m, > 0")
+    return pixel_size
+
+
 def view_of(
     depth: Float[Tensor, "B 1 H W"],
     intrinsics: Float[Tensor, "B 3 3"] | None = None,
@@ -133,20 +142,17 @@ def view_of(
         DTypeError: depth that is not a tensor of real floating-point numbers.
         ShapeError: wrong axes, another batch of intrinsics, or both or neither of `intrinsics`
             and `pixel_size`.
+        OutOfRangeError: a pixel size that is no length.
     """
-    if not isinstance(depth, Tensor) or not depth.is_floating_point():
-        got = (
-            f"a tensor of {depth.dtype}"
-            if isinstance(depth, Tensor)
-            else f"a {type(depth).__name__}"
-        )
-        raise DTypeError("depth", got, "pass a floating-point tensor, in m")
+    require_floating("depth", depth)
     if depth.ndim != 4 or depth.shape[1] != 1 or 0 in depth.shape[2:]:
         got = f"a tensor of shape {tuple(depth.shape)}"
         raise ShapeError("depth", got, "pass B x 1 x H x W")
     if (intrinsics is None) == (pixel_size is None):
         got = "both or neither"
         raise ShapeError("intrinsics, pixel_size", got, "pass the one that fits the camera")
+    if not isinstance(pixel_size, Tensor):
+        checked_size(pixel_size)
     (depth,) = single(depth)
     if intrinsics is not None:
         require_floating("intrinsics", intrinsics)

@@ -22,6 +22,7 @@ from torchradiometry.errors import (
     ShapeError,
     require_axes,
     require_floating,
+    require_kind,
 )
 from torchradiometry.geometry.patches import Patches
 from torchradiometry.numerics import angle_of, dot, safe_norm, safe_normalize
@@ -44,6 +45,7 @@ def face_corners(
     Differentiable in: vertices.
     """
     require_floating("vertices", vertices)
+    require_kind("faces", faces, Tensor)
     for name, tensor in (("vertices", vertices), ("faces", faces)):
         if tensor.ndim != 2 or tensor.shape[-1] != 3:
             got = f"a tensor of shape {tuple(tensor.shape)}"

@@ -19,6 +19,8 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import (
+    InvalidValueError,
+    OutOfRangeError,
     ResourceLimitError,
     ShapeError,
     require_axes,
@@ -42,6 +44,8 @@ __all__ = ["MAX_PATCHES", "Patches", "subdivide", "vector_area"]
 
 #: above this a subdivision is refused: 3 x 4 corners x 8 bytes each is already 1 GB
 MAX_PATCHES = 10_000_000
+#: m: the fourth power of lengths up to this, and of one over it, is a number of float64
+LONGEST = 2.0**255
 #: an edge that is a whole multiple of `max_edge` up to this many roundings is not split again
 ROUNDINGS = 8
 
@@ -120,6 +124,42 @@ def _fan(corners: Tensor) -> Tensor:
     return torch.linalg.cross(second - first, third - first) / 2
 
 
+def check_patches(patches: Patches, where: str = "patches") -> None:
+    """Raise a named error unless patches are triangles or quads of lengths that have an area.
+
+    Raises:
+        DTypeError: no `Patches`, or no floating-point numbers.
+        ShapeError: other than 3 or 4 corners.
+        InvalidValueError: NaN or infinite corners.
+        OutOfRangeError: lengths above 2^255 m, or patches below 2^-255 m.
+    """
+    require_kind(where, patches, Patches, "Patches(corners)")
+    corners = patches.corners
+    require_floating(where, corners)
+    if corners.ndim != 3 or corners.shape[-1] != 3 or corners.shape[-2] not in (3, 4):
+        got = f"corners of shape {tuple(corners.shape)}"
+        raise ShapeError(where, got, "pass `patch 3 3` triangles or `patch 4 3` quads")
+    check_corners(where, corners)
+
+
+@torch.no_grad()
+def check_corners(where: str, corners: Float[Tensor, "patch corner 3"]) -> None:
+    """What `check_patches` says of numbers, for polygons of three corners or more."""
+    require_axes(where, corners, None, None, 3)
+    if corners.shape[-2] < 3:
+        raise ShapeError(where, f"polygons of {corners.shape[-2]} corners", "pass 3 or more")
+    if not bool(torch.isfinite(corners).all()):
+        raise InvalidValueError(where, "NaN or infinite corners", "pass finite corners")
+    exact = corners.double()
+    far = exact.abs().amax((-1, -2))
+    size = (exact - exact[..., :1, :]).abs().amax((-1, -2))
+    for length, wrong in ((far, far > LONGEST), (size, (size > 0) & (size < 1 / LONGEST))):
+        if bool(wrong.any()):
+            got = f"lengths of {float(length[wrong][0]):.3g} m"
+            mend = f"pass lengths from {1 / LONGEST:.1g} to {LONGEST:.1g} m"
+            raise OutOfRangeError(where, got, mend)
+
+
 def subdivide(patches: Patches, max_edge: float) -> tuple[Patches, Int[Tensor, "patch"]]:
     """Split patches regularly until no edge is longer than `max_edge`.
 
@@ -136,7 +176,8 @@ def subdivide(patches: Patches, max_edge: float) -> tuple[Patches, Int[Tensor, "
 
     Raises:
         ShapeError: patches with other than 3 or 4 corners.
-        OutOfRangeError: `max_edge` not a positive finite number.
+        InvalidValueError: NaN or infinite corners.
+        OutOfRangeError: `max_edge` not a positive finite number, or lengths as of `form_factors`.
         ResourceLimitError: more than `MAX_PATCHES` parts.
 
     Differentiable in: corners (the number of parts is a constant).
@@ -147,12 +188,8 @@ def subdivide(patches: Patches, max_edge: float) -> tuple[Patches, Int[Tensor, "
     >>> parts.area, parent
     (tensor([1., 1.]), tensor([0, 0]))
     """
-    require_kind("patches", patches, Patches, "Patches(corners)")
+    check_patches(patches)
     corners = patches.corners
-    require_floating("patches", corners)
-    if corners.ndim != 3 or corners.shape[-1] != 3 or corners.shape[-2] not in (3, 4):
-        got = f"corners of shape {tuple(corners.shape)}"
-        raise ShapeError("patches", got, "pass `patch 3 3` triangles or `patch 4 3` quads")
     require_between("max_edge", max_edge, 0, math.inf, "a length in m, > 0")
     splits = _splits(corners.detach().double(), float(max_edge))
     _require_affordable(splits)

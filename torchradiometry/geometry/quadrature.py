@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import require_whole
+from torchradiometry.errors import require_kind, require_whole
 from torchradiometry.numerics import safe_sqrt
 
 if TYPE_CHECKING:
@@ -104,4 +104,5 @@ def integrate_hemisphere(
     >>> integrate_hemisphere(lobe, hemisphere_quadrature(8, 16)) * 7 / (2 * torch.pi)
     tensor(1.0000)
     """
+    require_kind("quadrature", quadrature, HemisphereQuadrature)
     return (function(quadrature.direction) * quadrature.weight).sum(-1)

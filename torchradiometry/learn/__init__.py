@@ -12,6 +12,7 @@ from torchradiometry.learn.benchmarks import (
     surface_normals,
 )
 from torchradiometry.learn.evaluation import Evaluation, evaluate, evaluate_folder
+from torchradiometry.learn.lambert_fit import least_squares, robust_normals
 from torchradiometry.learn.light import estimate_light
 from torchradiometry.learn.losses import (
     albedo_loss,
@@ -23,10 +24,8 @@ from torchradiometry.learn.losses import (
 from torchradiometry.learn.networks import (
     PhotometricNetwork,
     ShadingNetwork,
-    least_squares,
     observation_map,
     relative_to_mean,
-    robust_normals,
 )
 from torchradiometry.learn.samples.data import (
     PhotometricSamples,

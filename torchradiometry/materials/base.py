@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import (
-    DTypeError,
     InvalidValueError,
     OutOfRangeError,
     ShapeError,
@@ -65,18 +65,14 @@ class AbstractMaterial(nn.Module):
 
         `last` is the size its last axis must have; `lowest` and `highest` its physical range.
         """
-        tensor = torch.as_tensor(value)
-        if tensor.is_complex():
-            raise DTypeError(name, f"{tensor.dtype}", "pass real numbers")
-        if not tensor.is_floating_point():
-            tensor = tensor.to(torch.get_default_dtype())
+        tensor = as_numbers(name, value)
         if tensor.ndim == 0:
             tensor = tensor.reshape(1)
         if last is not None and tensor.shape[-1] != last:
             raise ShapeError(
                 name, f"shape {tuple(tensor.shape)}", f"its last axis holds {last} number(s)"
             )
-        _check_range(name, tensor.detach(), lowest, highest)
+        check_range(name, tensor.detach(), lowest, highest)
         if learnable:
             self.register_parameter(name, nn.Parameter(tensor.detach().clone()))
         else:
@@ -90,7 +86,7 @@ def check_directions(*directions: Tensor) -> None:
         require_floating(name, direction)
 
 
-def _check_range(name: str, value: Tensor, lowest: float, highest: float) -> None:
+def check_range(name: str, value: Tensor, lowest: float, highest: float = math.inf) -> None:
     """Named errors for NaN, infinity and numbers outside the physical range."""
     if not torch.isfinite(value).all():
         raise InvalidValueError(name, "NaN or infinity", "pass finite numbers")

@@ -14,7 +14,8 @@ import torch
 import trimesh
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, ShapeError, require_between
+from torchradiometry.arguments import as_numbers
+from torchradiometry.errors import OutOfRangeError, ShapeError, require_between, require_whole
 from torchradiometry.geometry.cameras import PinholeCamera, look_at
 from torchradiometry.numerics import safe_normalize
 from torchradiometry.scene.scene import Scene
@@ -62,7 +63,7 @@ def quad(
     tensor([[0, 1, 2],
             [0, 2, 3]])
     """
-    points = torch.as_tensor(corners, dtype=dtype or torch.get_default_dtype())
+    points = as_numbers("corners", corners, dtype)
     if points.shape[-2:] != (4, 3):
         raise ShapeError("corners", f"shape {tuple(points.shape)}", "pass `4 3` or `quad 4 3`")
     points = points.reshape(-1, 3)
@@ -96,12 +97,15 @@ def box(
         inward: the sides face the inside, as walls do.
         albedo, emission, dtype: as for `quad`.
 
+    Raises:
+        DTypeError, ShapeError: sizes or centres that are not three numbers.
+        OutOfRangeError: lengths that are none, or sides of another name.
+
     >>> box("crate", (1, 1, 1)).count
     12
     """
     require_between("turn", turn, -math.inf, math.inf, "finite radians")
-    if len(size) != 3 or not all(0 < s < math.inf for s in size):
-        raise OutOfRangeError("size", f"{size!r}", "pass three lengths in m, > 0")
+    size, centre = _numbers("size", size, 3, least=0.0), _numbers("centre", centre, 3)
     unknown = [side for side in sides if side not in SIDES]
     if unknown or not sides:
         raise OutOfRangeError("sides", f"{unknown or sides!r}", f"use {', '.join(SIDES)}")
@@ -135,13 +139,16 @@ def sphere(
         smooth: with the sphere's own normals; otherwise shaded flat.
         albedo, emission, dtype: as for `quad`.
 
+    Raises:
+        DTypeError, ShapeError: a radius that is no number, a centre that is not three.
+        OutOfRangeError: a radius that is no length, or too many subdivisions.
+
     >>> sphere("ball", 1.0, subdivisions=1).count
     80
     """
-    if not 0 < radius < math.inf:
-        raise OutOfRangeError("radius", f"{radius!r}", "pass a length in m, > 0")
-    if not 0 <= subdivisions <= 7:
-        raise OutOfRangeError("subdivisions", f"{subdivisions!r}", "use 0 to 7")
+    require_between("radius", radius, 0, math.inf, "a length in m, > 0")
+    require_whole("subdivisions", subdivisions, 0, 7)
+    centre = _numbers("centre", centre, 3)
     dtype = dtype or torch.get_default_dtype()
     ball = trimesh.creation.icosphere(subdivisions=subdivisions)
     paint, shine = colours(albedo, emission, dtype=dtype)
@@ -184,10 +191,10 @@ def room(
     Returns:
         Surfaces `floor, walls, left wall, right wall, ceiling, panel`.
     """
+    size, panel = _numbers("size", size, 3, least=0.0), _numbers("panel", panel, 2, least=0.0)
     width, height, depth = size
-    if not (0 < panel[0] < width and 0 < panel[1] < depth):
-        mend = "make it smaller than the ceiling"
-        raise OutOfRangeError("panel", f"{tuple(panel)!r} m", mend)
+    if panel[0] >= width or panel[1] >= depth:
+        raise OutOfRangeError("panel", f"{panel!r} m", "make it smaller than the ceiling")
     centre = (0.0, height / 2, 0.0)
     painted = {
         "floor": (("bottom",), albedo),
@@ -204,6 +211,19 @@ def room(
     ceiling = quad("ceiling", ring, albedo=albedo, dtype=dtype)
     shining = quad("panel", inner, albedo=panel_albedo, emission=emission, dtype=dtype)
     return (*sides, ceiling, shining)
+
+
+def _numbers(
+    where: str, values: Sequence[float], count: int, least: float = -math.inf
+) -> tuple[float, ...]:
+    """So many finite numbers above `least`, or a named error."""
+    wanted = f"pass {count} numbers" + ("" if least == -math.inf else f" > {least:g}")
+    numbers = as_numbers(where, values, torch.float64)
+    if numbers.shape != (count,):
+        raise ShapeError(where, f"{values!r}"[:60], wanted)
+    if not bool(((numbers > least) & numbers.isfinite()).all()):
+        raise OutOfRangeError(where, f"{values!r}"[:60], wanted)
+    return tuple(numbers.tolist())
 
 
 def _ceiling(

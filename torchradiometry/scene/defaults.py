@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import torch
 
-from torchradiometry.errors import DegenerateGeometryError
+from torchradiometry.errors import DegenerateGeometryError, require_whole
 from torchradiometry.geometry.cameras import AbstractCamera, PinholeCamera, look_at
 from torchradiometry.numerics import safe_norm, safe_normalize
 from torchradiometry.scene.scene import Scene
@@ -45,6 +45,8 @@ def with_default_view(scene: Scene, *, width: int = 640, height: int = 480) -> S
 
 def default_camera(scene: Scene, *, width: int = 640, height: int = 480) -> AbstractCamera:
     """A pinhole camera that sees the whole scene from in front, above and the right."""
+    require_whole("width", width, 1)
+    require_whole("height", height, 1)
     low, high = scene.bounds
     middle, radius = (low + high) / 2, float(safe_norm(high - low)) / 2
     if not 0 < radius < math.inf:

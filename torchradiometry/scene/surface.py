@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import DTypeError, OutOfRangeError, ShapeError
 
 if TYPE_CHECKING:
@@ -158,9 +159,9 @@ class Surface:
             shininess: n, >= 0.
         """
         like = self.albedo
-        share = torch.as_tensor(specular, dtype=like.dtype, device=like.device)
+        share = as_numbers("specular", specular, like.dtype).to(like.device)
         share = share.expand_as(like) if share.ndim == 0 else share
-        power = torch.as_tensor(shininess, dtype=like.dtype, device=like.device)
+        power = as_numbers("shininess", shininess, like.dtype).to(like.device)
         return replace(self, specular=share, shininess=power)
 
     def to(self, dtype: torch.dtype | None = None, device: object = None) -> Surface:
@@ -184,7 +185,7 @@ def colours(*values: object, dtype: torch.dtype | None = None) -> list[Tensor]:
     >>> colours(0.5, [0.1, 0.2]), colours(1.0)
     ([tensor([0.5000, 0.5000]), tensor([0.1000, 0.2000])], [tensor([1., 1., 1.])])
     """
-    tensors = [torch.as_tensor(v, dtype=dtype or torch.get_default_dtype()) for v in values]
+    tensors = [as_numbers("colour", v, dtype) for v in values]
     channels = max((t.shape[-1] for t in tensors if t.ndim), default=3)
     return [t if t.ndim else t.expand(channels).clone() for t in tensors]
 

@@ -21,10 +21,11 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, final
 
-import torch
 from torch import Tensor, nn
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import DTypeError, ShapeError, require_device, require_floating
+from torchradiometry.materials.base import check_range
 from torchradiometry.shade.lambertian import check_channels, image_irradiance
 from torchradiometry.shade.layout import check_image, chosen_sources
 from torchradiometry.sources.base import AbstractSource
@@ -56,6 +57,7 @@ def ambient_shading(
     Differentiable in: all arguments.
     Export: compile yes, ONNX yes.
 
+    >>> import torch
     >>> ambient_shading(torch.full((1, 1, 1, 1), 0.5), torch.tensor([3.0])).item()
     1.5
     """
@@ -88,6 +90,7 @@ class AmbientShading(nn.Module):
             `HarmonicSource`). Exactly one of the two, here or in the call.
         learnable: keep `radiance` as an `nn.Parameter`.
 
+    >>> import torch
     >>> layer = AmbientShading(radiance=[2.0])
     >>> layer(torch.full((1, 3, 1, 1), 0.5)).flatten()
     tensor([1., 1., 1.])
@@ -109,7 +112,8 @@ class AmbientShading(nn.Module):
         if radiance is None:
             self.radiance = None
             return
-        tensor = torch.as_tensor(radiance, dtype=_floating(radiance)).detach()
+        tensor = as_numbers("radiance", radiance).detach()
+        check_range("radiance", tensor, lowest=0.0)
         tensor = tensor.reshape(1) if tensor.ndim == 0 else tensor
         if learnable:
             self.radiance = nn.Parameter(tensor.clone())
@@ -152,9 +156,3 @@ class AmbientShading(nn.Module):
 
     def extra_repr(self) -> str:
         return "albedo [1], ambient radiance [W/m2/sr] -> radiance [W/m2/sr]"
-
-
-def _floating(value: object) -> torch.dtype:
-    if isinstance(value, Tensor) and value.is_floating_point():
-        return value.dtype
-    return torch.get_default_dtype()

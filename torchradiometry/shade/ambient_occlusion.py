@@ -20,8 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError, require_whole
-from torchradiometry.geometry.depth import checked_size
-from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.geometry.image_space import checked_size, height_field, image_normals, view_of
 from torchradiometry.numerics import single
 from torchradiometry.shade.layout import check_image
 from torchradiometry.transport.depth_maps.horizons import sliced_pixels

@@ -23,8 +23,8 @@ import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError, require_between
-from torchradiometry.geometry.depth import checked_size, depth_to_points
-from torchradiometry.geometry.image_space import height_field, image_normals, view_of
+from torchradiometry.geometry.depth import depth_to_points
+from torchradiometry.geometry.image_space import checked_size, height_field, image_normals, view_of
 from torchradiometry.numerics import single
 from torchradiometry.shade.layout import check_sources, chosen_sources, to_points
 from torchradiometry.sources.base import AbstractSource

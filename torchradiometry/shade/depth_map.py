@@ -21,8 +21,8 @@ import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import OutOfRangeError, ShapeError, require_whole
-from torchradiometry.geometry.depth import checked_size, depth_to_normals, depth_to_points
-from torchradiometry.geometry.image_space import is_seen
+from torchradiometry.geometry.depth import depth_to_normals, depth_to_points
+from torchradiometry.geometry.image_space import checked_size, is_seen
 from torchradiometry.materials.lobes import AbstractLobe
 from torchradiometry.materials.phong import Phong
 from torchradiometry.shade.ambient_occlusion import ambient_occlusion

@@ -23,10 +23,10 @@ import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError, require_whole
-from torchradiometry.geometry.depth import checked_size
 from torchradiometry.geometry.image_space import (
     HeightField,
     View,
+    checked_size,
     height_field,
     image_normals,
     view_of,

@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import DTypeError, InvalidValueError, OutOfRangeError, ShapeError
+from torchradiometry.errors import (
+    DTypeError,
+    InvalidValueError,
+    OutOfRangeError,
+    ShapeError,
+    require_kind,
+)
 from torchradiometry.sources.base import AbstractSource
 
 if TYPE_CHECKING:
@@ -44,6 +50,7 @@ def to_points(image: Float[Tensor, "B C H W"]) -> Float[Tensor, "B point C"]:
     >>> to_points(torch.zeros(2, 3, 4, 5)).shape
     torch.Size([2, 20, 3])
     """
+    _require_rank("image", image, 4, "B C H W")
     return image.permute(0, 2, 3, 1).flatten(1, 2)
 
 
@@ -51,7 +58,19 @@ def to_image(
     points: Float[Tensor, "B point C"], like: Float[Tensor, "B _ H W"]
 ) -> Float[Tensor, "B C H W"]:
     """Points back as an image of the height and width of `like`; the inverse of `to_points`."""
+    _require_rank("points", points, 3, "B point C")
+    _require_rank("like", like, 4, "B C H W")
+    if points.shape[1] != like.shape[2] * like.shape[3]:
+        got = f"{points.shape[1]} for images of {like.shape[2]} x {like.shape[3]} pixels"
+        raise ShapeError("points", got, "pass one point for each pixel")
     return points.mT.unflatten(2, like.shape[-2:])
+
+
+def _require_rank(where: str, tensor: Tensor, rank: int, axes: str) -> None:
+    """For numbers of any kind."""
+    require_kind(where, tensor, Tensor)
+    if tensor.ndim != rank:
+        raise ShapeError(where, f"a tensor of shape {tuple(tensor.shape)}", f"pass `{axes}`")
 
 
 def visibility_to_points(

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import nn
 
-from torchradiometry.errors import DTypeError, ShapeError, require_device, require_floating
+from torchradiometry.errors import DTypeError, ShapeError, require_axes, require_device
 from torchradiometry.materials.base import AbstractMaterial
 from torchradiometry.numerics import clamped_cosine, narrow, single
 from torchradiometry.shade.layout import chosen_sources
@@ -102,17 +102,13 @@ def _check(
     outgoing_direction: Tensor,
     visibility: Tensor | None,
 ) -> None:
-    points = {"normal": normal, "position": position, "outgoing_direction": outgoing_direction}
-    for where, tensor in points.items():
-        if tensor is not None and (tensor.ndim == 0 or tensor.shape[-1] != 3):
-            got = f"a tensor of shape {tuple(tensor.shape)}"
-            raise ShapeError(where, got, "pass `*batch point 3`, vectors last")
-        if tensor is not None:
-            require_floating(where, tensor)
-            if tensor.dtype != normal.dtype:
-                got = f"{tensor.dtype} beside normals in {normal.dtype}"
-                raise DTypeError(where, got, "bring all to one dtype")
-            require_device(where, tensor, "normals", normal)
+    points = {"normal": normal, "outgoing_direction": outgoing_direction}
+    for where, tensor in (points if position is None else points | {"position": position}).items():
+        require_axes(where, tensor, 3)
+        if tensor.dtype != normal.dtype:
+            got = f"{tensor.dtype} beside normals in {normal.dtype}"
+            raise DTypeError(where, got, "bring all to one dtype")
+        require_device(where, tensor, "normals", normal)
     near = [type(source).__name__ for source in sources if source.needs_position]
     if near and position is None:
         raise ShapeError("position", "None", f"{near[0]} is a near source; pass positions in m")

@@ -27,13 +27,16 @@ from torchradiometry.errors import (
     require_floating,
 )
 from torchradiometry.solve.certificate import certified, gamma, inverse_norm
-from torchradiometry.solve.operators import AbstractOperator, as_operator, reflected
+from torchradiometry.solve.operators import AbstractOperator, DenseOperator, as_operator, reflected
 from torchradiometry.solve.solution import Solution
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
 
 __all__ = ["AbstractSolver", "Approximation", "check_albedo"]
+
+#: how far below 0 form factors may lie
+NUDGE = 2.0**-10
 
 
 class Approximation(NamedTuple):
@@ -100,7 +103,7 @@ class AbstractSolver(ABC):
             exitance: M, W/m2.
 
         Raises:
-            OutOfRangeError, InvalidValueError: albedo outside 0..1, or NaN.
+            OutOfRangeError, InvalidValueError: albedo outside 0..1, negative form factors, or NaN.
             SingularSystemError: light that is never absorbed, if a solution is promised.
 
         Differentiable in: all tensors if the solver `unrolls`; else see `solve_radiosity`.
@@ -112,6 +115,7 @@ class AbstractSolver(ABC):
             if operator.patches == 0:
                 raise EmptySceneError("operator", "no patches", "add a surface to the scene")
             check_albedo(albedo)
+            _require_shares(operator)
             if self.promises:
                 _require_loss(type(self).__name__, operator, albedo)
         return self._certified(operator, albedo, exitance)
@@ -174,13 +178,14 @@ def broadcast(
     operator: AbstractOperator, albedo: Tensor, exitance: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Albedo and exitance in one shape, of as many patches as the operator has."""
+    require_floating("albedo", albedo)
+    require_floating("exitance", exitance)
     if albedo.ndim < 2 or exitance.ndim < 2:
         raise ShapeError(
             "albedo, exitance",
             f"shapes {tuple(albedo.shape)}, {tuple(exitance.shape)}",
             "pass `patch channel`",
         )
-    require_floating("albedo", albedo)
     if exitance.dtype != operator.dtype:
         raise DTypeError(
             "exitance",
@@ -223,6 +228,19 @@ def check_albedo(albedo: Float[Tensor, "..."]) -> None:
         raise InvalidValueError("albedo", "NaN", "pass numbers from 0 to 1")
     if low < 0 or high > 1:
         raise OutOfRangeError("albedo", f"{low:g}..{high:g}", "pass 0..1, what is reflected")
+
+
+@torch.no_grad()
+def _require_shares(operator: AbstractOperator) -> None:
+    """Refuse a matrix with entries below 0, which are no shares of light.
+
+    Finite differences step below 0, but not far.
+    """
+    if isinstance(operator, DenseOperator):
+        least = float(operator.form_factors.min())
+        if least < -NUDGE:
+            mend = "pass F[receiver, emitter] >= 0, such as `form_factors` gives"
+            raise OutOfRangeError("form_factors", f"entries down to {least:.3g}", mend)
 
 
 @torch.no_grad()

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import (
-    DTypeError,
     InvalidValueError,
     OutOfRangeError,
     ShapeError,
@@ -125,11 +125,7 @@ class AbstractSource(nn.Module):
         parameter that is held first says how many lights there are; a later one for a single
         light serves all of them.
         """
-        tensor = torch.as_tensor(value)
-        if tensor.is_complex():
-            raise DTypeError(name, f"{tensor.dtype}", "pass real numbers")
-        if not tensor.is_floating_point():
-            tensor = tensor.to(torch.get_default_dtype())
+        tensor = as_numbers(name, value)
         if tensor.ndim == 0:
             tensor = tensor.reshape(1)
         if tensor.ndim == 1:
@@ -173,6 +169,7 @@ class AbstractSource(nn.Module):
             raise ShapeError(
                 "position", "None", f"pass `*batch point 3` in m; {type(self).__name__} is near"
             )
+        require_axes("position", position, 3)
         return position
 
 

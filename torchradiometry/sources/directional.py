@@ -47,6 +47,7 @@ def directional_arrival(
     Differentiable in: direction, irradiance.
     Export: compile yes, ONNX yes.
     """
+    require_axes("normal", normal, 3)
     towards = light_first(safe_normalize(direction), normal).expand(-1, *normal.shape[:-1], 3)
     facing = light_first(irradiance, normal)
     facing = facing.expand(-1, *normal.shape[:-1], irradiance.shape[-1])

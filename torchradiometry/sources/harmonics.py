@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import ShapeError, require_axes, require_floating
 from torchradiometry.numerics import (
     alike,
@@ -174,7 +175,7 @@ class HarmonicSource(AbstractSource):
 
     def __init__(self, coefficients: object, *, learnable: bool = False) -> None:
         super().__init__()
-        held = torch.as_tensor(coefficients)
+        held = as_numbers("coefficients", coefficients)
         if held.ndim < 2 or held.shape[-2] != 9:
             raise ShapeError(
                 "coefficients",

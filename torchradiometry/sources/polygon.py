@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import torch
 from torch import Tensor
 
+from torchradiometry.arguments import as_numbers
 from torchradiometry.errors import (
     DegenerateGeometryError,
     ShapeError,
@@ -295,7 +296,7 @@ class PolygonSource(AbstractSource):
         super().__init__()
         require_whole("samples", samples, 1, 2**24)
         self.two_sided, self.samples = two_sided, samples
-        outline = torch.as_tensor(corners)
+        outline = as_numbers("corners", corners)
         outline = outline.unsqueeze(0) if outline.ndim == 2 else outline
         self._hold("corners", outline, learnable, light_axis=-3)
         require_planar_polygons(self.corners)

@@ -23,7 +23,14 @@ from typing import TYPE_CHECKING, final
 import torch
 from torch import Tensor
 
-from torchradiometry.transport.rays import AbstractRayCaster, Hits, hit_details, shortened
+from torchradiometry.errors import require_whole
+from torchradiometry.transport.rays import (
+    AbstractRayCaster,
+    Hits,
+    check_rays,
+    hit_details,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -37,7 +44,11 @@ class BruteForceRays(AbstractRayCaster):
 
     Args:
         corners: `triangle 3 3`, m; the answers come from its device.
-        budget: bytes that one block of rays may use.
+        budget: bytes that one block of rays may use; a block has one ray at least.
+
+    Raises:
+        ShapeError, InvalidValueError: no finite `triangle 3 3`.
+        DTypeError, OutOfRangeError: a budget that is no whole number from 1.
 
     >>> wall = torch.tensor([[[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [0.0, 2.0, 1.0]]])
     >>> rays = BruteForceRays(wall)
@@ -47,6 +58,7 @@ class BruteForceRays(AbstractRayCaster):
 
     def __init__(self, corners: Float[Tensor, "triangle 3 3"], budget: int = 2**28) -> None:
         self._hold(corners)
+        require_whole("budget", budget, 1)
         self.budget = budget
         centred = self.corners - self.centre
         points, index = torch.unique(centred.reshape(-1, 3), dim=0, return_inverse=True)
@@ -62,6 +74,7 @@ class BruteForceRays(AbstractRayCaster):
         self._offset = (first * self._normal).sum(-1)
 
     def closest(self, origin: Float[Tensor, "ray 3"], direction: Float[Tensor, "ray 3"]) -> Hits:
+        check_rays(origin, direction, "direction")
         found = [self._first(o, d) for o, d in zip(*self._blocks(origin, direction), strict=True)]
         triangle = torch.cat(found) if found else origin.new_zeros(0, dtype=torch.int64)
         return hit_details(self.corners, triangle, origin, direction)
@@ -69,6 +82,7 @@ class BruteForceRays(AbstractRayCaster):
     def occluded(
         self, origin: Float[Tensor, "ray 3"], target: Float[Tensor, "ray 3"]
     ) -> Bool[Tensor, "ray"]:
+        check_rays(origin, target, "target")
         start, extent = shortened(origin.to(self.corners), target.to(self.corners), self.tolerance)
         found = [
             (self._crossings(o, d) <= 1).any(-1)

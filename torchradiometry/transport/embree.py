@@ -21,7 +21,13 @@ from torch import Tensor
 from torchradiometry.errors import MissingDependencyError
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.numerics import guarded_divide
-from torchradiometry.transport.rays import AbstractRayCaster, Hits, hit_details, shortened
+from torchradiometry.transport.rays import (
+    AbstractRayCaster,
+    Hits,
+    check_rays,
+    hit_details,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float
@@ -67,6 +73,7 @@ class EmbreeRays(AbstractRayCaster):
             mesh(self._scene, unit[self._solid].to(torch.float32).numpy())
 
     def closest(self, origin: Float[Tensor, "ray 3"], direction: Float[Tensor, "ray 3"]) -> Hits:
+        check_rays(origin, direction, "direction")
         start, heading = self._unit(origin), direction.detach().cpu().to(torch.float64)
         length = heading.norm(dim=-1, keepdim=True)
         heading = heading / torch.where(length > 0, length, 1)
@@ -78,6 +85,7 @@ class EmbreeRays(AbstractRayCaster):
     def occluded(
         self, origin: Float[Tensor, "ray 3"], target: Float[Tensor, "ray 3"]
     ) -> Bool[Tensor, "ray"]:
+        check_rays(origin, target, "target")
         start, extent = shortened(
             self._unit(origin), self._unit(target), self.tolerance / self.scale
         )

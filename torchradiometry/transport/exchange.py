@@ -33,8 +33,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import InvalidValueError, require_axes, require_between
-from torchradiometry.geometry.patches import Patches
+from torchradiometry.errors import ShapeError, require_between
+from torchradiometry.geometry.patches import Patches, check_corners, check_patches
 from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.contour import contour_exchange
 from torchradiometry.transport.exchange_blocks import (
@@ -74,7 +74,10 @@ def polygon_exchange(
         (coincident faces see nothing of each other).
 
     Raises:
-        DTypeError, OutOfRangeError: an `rtol` that is no number between 0 and 1.
+        ShapeError: not polygons, or not as many first as second.
+        InvalidValueError: NaN or infinite corners.
+        DTypeError, OutOfRangeError: an `rtol` that is no number between 0 and 1; lengths as of
+            `form_factors`.
 
     Differentiable in: both (kinks where a corner crosses the other's plane and where edges
         meet; finite there).
@@ -86,8 +89,11 @@ def polygon_exchange(
     >>> round(float(polygon_exchange(floor, wall)), 12)  # two faces of a cube
     0.200043776075
     """
-    require_axes("first", first, None, None, 3)
-    require_axes("second", second, None, None, 3)
+    check_corners("first", first)
+    check_corners("second", second)
+    if len(first) != len(second):
+        got = f"{len(first)} and {len(second)} polygons"
+        raise ShapeError("first, second", got, "pass one of each for every pair")
     require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     first, second = wide(first, second)
     every = torch.arange(len(first), device=first.device)
@@ -106,14 +112,14 @@ def unoccluded_exchange(patches: Patches, rtol: float = RTOL) -> Float[Tensor, "
 
     Raises:
         InvalidValueError: NaN or infinite corners.
-        DTypeError, OutOfRangeError: an `rtol` that is no number between 0 and 1.
+        ShapeError: not triangles or quads.
+        DTypeError, OutOfRangeError: an `rtol` that is no number between 0 and 1; lengths as of
+            `form_factors`.
 
     Differentiable in: corners (kinks where a corner crosses another patch's plane).
     Export: no, see `polygon_exchange`.
     """
-    require_axes("patches", patches.corners, None, None, 3)
-    if not bool(torch.isfinite(patches.corners.detach()).all()):
-        raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
+    check_patches(patches)
     require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     corners = wide(patches.corners)[0]
     upper, i, j = dense_exchange(corners, rtol)

@@ -23,12 +23,12 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import (
-    InvalidValueError,
     OutOfRangeError,
     ResourceLimitError,
-    ShapeError,
+    require_kind,
+    require_whole,
 )
-from torchradiometry.geometry.patches import Patches
+from torchradiometry.geometry.patches import Patches, check_patches
 from torchradiometry.numerics import guarded_divide, wide
 from torchradiometry.transport.cluster_nodes import ClusterNodes, cluster_nodes
 from torchradiometry.transport.cluster_tree import ClusterTree, cluster_tree
@@ -188,15 +188,12 @@ def _visibility(
 
 
 def _check(patches: Patches, limits: Refinement, budget: int) -> None:
-    corners = patches.corners
-    if corners.ndim != 3 or corners.shape[1] not in (3, 4) or corners.shape[2] != 3:
-        raise ShapeError(
-            "patches", f"corners of shape {tuple(corners.shape)}", "pass triangles or quads"
-        )
-    if not bool(torch.isfinite(corners).all()):
-        raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
-    if not all(value >= 0 for value in limits):
+    check_patches(patches)
+    require_kind("limits", limits, Refinement)
+    if not all(isinstance(value, float | int) and value >= 0 for value in limits):
         raise OutOfRangeError("limits", f"{limits}", "pass numbers >= 0")
+    require_whole("limits.samples", limits.samples, 0, 2**16)
+    require_whole("limits.more", limits.more, 0, 2**16)
     _afford(PATCH_BYTES * patches.count, budget, f"{patches.count} patches")
 
 

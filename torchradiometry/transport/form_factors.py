@@ -28,11 +28,10 @@ from torchradiometry.errors import (
     ResourceLimitError,
     ShapeError,
     require_between,
-    require_floating,
     require_kind,
     require_whole,
 )
-from torchradiometry.geometry.patches import Patches
+from torchradiometry.geometry.patches import Patches, check_patches
 from torchradiometry.numerics import guarded_divide, safe_norm, wide
 from torchradiometry.transport.closure import cap_rows, close_enclosure
 from torchradiometry.transport.exchange import RTOL, unoccluded_exchange
@@ -85,7 +84,8 @@ def form_factors(
         DTypeError: no `Patches`, no ray caster, samples or a seed that are no whole numbers.
         InvalidValueError: NaN corners.
         DegenerateGeometryError: quads that are not planar, or crossed, or not convex.
-        OutOfRangeError: `rtol` not between 0 and 1, no samples, exposure outside 0..1.
+        OutOfRangeError: `rtol` not between 0 and 1, no samples, exposure outside 0..1, lengths
+            above 2^255 m or patches below 2^-255 m, whose areas would be no numbers.
         ResourceLimitError: the matrices would not fit into `budget`.
         NotConvergedError: `closed`, but no scaling closes the patches.
 
@@ -175,15 +175,7 @@ def _require_one_each(name: str, values: object, count: int) -> None:
 
 
 def _check(patches: Patches, rtol: float, budget: int) -> None:
-    require_kind("patches", patches, Patches, "Patches(corners)")
-    corners = patches.corners
-    require_floating("patches", corners)
-    if corners.ndim != 3 or corners.shape[1] not in (3, 4) or corners.shape[2] != 3:
-        raise ShapeError(
-            "patches", f"corners of shape {tuple(corners.shape)}", "pass triangles or quads"
-        )
-    if not bool(torch.isfinite(corners.detach()).all()):
-        raise InvalidValueError("patches", "NaN or infinite corners", "pass finite corners")
+    check_patches(patches)
     require_between("rtol", rtol, 0, 1, "a relative error such as 1e-10 or 1e-3")
     needed = MATRICES * 8 * patches.count**2
     if needed > budget:
@@ -192,8 +184,8 @@ def _check(patches: Patches, rtol: float, budget: int) -> None:
             f"{patches.count} patches, which need {needed} bytes of {budget}",
             "use larger patches or `hierarchical_operator`, or raise `budget`",
         )
-    if corners.shape[1] == 4:
-        _check_quads(corners.detach())
+    if patches.corners.shape[1] == 4:
+        _check_quads(patches.corners.detach())
 
 
 @torch.no_grad()

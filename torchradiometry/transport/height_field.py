@@ -30,6 +30,7 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import IndexRangeError, ShapeError, require_axes, require_whole
+from torchradiometry.geometry.image_space import checked_size
 from torchradiometry.numerics import (
     alike,
     safe_norm,
@@ -68,6 +69,7 @@ def height_field_visibility(
 
     Raises:
         ShapeError: another rank.
+        DTypeError, OutOfRangeError: a pixel size that is no length.
 
     Differentiable in: nothing (a hard shadow is a step).
     Export: compile yes; ONNX no, the number of steps follows the size of the map.
@@ -80,6 +82,7 @@ def height_field_visibility(
     tensor([1., 0., 0., 1.])
     """
     require_axes("height", height, None, None, None)
+    checked_size(pixel_size)
     require_axes("direction", direction, None, 3)
     dtype = height.dtype
     height, direction = alike(*single(height, direction))
@@ -119,7 +122,8 @@ def height_field_hits(
 
     Raises:
         IndexRangeError: a start outside the image (a compiled graph does not look).
-        DTypeError, OutOfRangeError: steps that are no whole number from 0.
+        DTypeError, OutOfRangeError: steps that are no whole number from 0, or a pixel size that
+            is no length.
 
     Differentiable in: nothing.
     Export: compile yes; ONNX no, the number of steps follows the size of the map.
@@ -129,6 +133,7 @@ def height_field_hits(
     tensor([ 3,  3,  3, -1])
     """
     require_axes("height", height, None, None, None)
+    checked_size(pixel_size)
     require_axes("direction", direction, None, 3)
     rows, columns = height.shape[-2:]
     across = max(rows, columns) - 1  # further on there is no pixel

@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import InvalidValueError, ShapeError, require_axes
-from torchradiometry.geometry.patches import Patches, vector_area
+from torchradiometry.errors import ShapeError
+from torchradiometry.geometry.patches import Patches, check_corners, vector_area
 from torchradiometry.numerics import dot, guarded_divide, safe_normalize, wide
 from torchradiometry.transport.blockers import possible_blockers
 from torchradiometry.transport.convex_pieces import joined, split
@@ -98,8 +98,9 @@ def occluded_exchange(
         triangles at most, where a hundred or two are common; `error` tells where they are too few.
 
     Raises:
-        ShapeError: not polygons.
+        ShapeError: not polygons, or not as many first as second.
         InvalidValueError: NaN or infinite corners.
+        OutOfRangeError: lengths as of `form_factors`.
 
     Differentiable in: all three.
     Export: no, the number of cells depends on the data.
@@ -111,14 +112,11 @@ def occluded_exchange(
     >>> round(float(occluded_exchange(floor, ceiling, wall).exchange), 6)  # two halves apart
     0.116654
     """
-    require_axes("first", first, None, None, 3)
-    require_axes("second", second, None, None, 3)
-    require_axes("blockers", blockers, None, None, 3)
     for name, corners in (("first", first), ("second", second), ("blockers", blockers)):
-        if corners.ndim != 3 or corners.shape[1] < 3 or corners.shape[2] != 3:
-            raise ShapeError(name, f"shape {tuple(corners.shape)}", "pass `... corner 3`")
-        if not bool(torch.isfinite(corners.detach()).all()):
-            raise InvalidValueError(name, "NaN or infinite corners", "pass finite corners")
+        check_corners(name, corners)
+    if len(first) != len(second):
+        got = f"{len(first)} and {len(second)} polygons"
+        raise ShapeError("first, second", got, "pass one of each for every pair")
     first, second, blockers = wide(first, second, blockers)
     middle = torch.cat((first, second), 1).detach().reshape(-1, 3).mean(0)
     middle = middle if len(first) else torch.zeros_like(middle)

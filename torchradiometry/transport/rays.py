@@ -22,11 +22,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.arguments import broadcast_shape
 from torchradiometry.errors import (
     DTypeError,
-    InvalidValueError,
     ShapeError,
+    require_axes,
+    require_kind,
 )
+from torchradiometry.geometry.patches import check_corners
 from torchradiometry.numerics import dot, guarded_divide
 
 if TYPE_CHECKING:
@@ -90,6 +93,7 @@ class AbstractRayCaster(ABC):
         self, point: Float[Tensor, "*batch 3"], normal: Float[Tensor, "*batch 3"]
     ) -> Float[Tensor, "*batch 3"]:
         """Points moved off their surface by `tolerance`, to the side of the unit normal."""
+        broadcast_shape("point, normal", point.shape, normal.shape)
         return point + self.tolerance * normal
 
     def beyond(
@@ -108,32 +112,54 @@ class AbstractRayCaster(ABC):
 
         Args:
             origin: m.
-            direction: need not be unit; a zero vector hits nothing.
+            direction: need not be unit; a zero vector hits nothing, nor does one that is NaN.
+
+        Raises:
+            ShapeError: not `ray 3` both.
+            DTypeError: integers.
         """
 
     @abstractmethod
     def occluded(
         self, origin: Float[Tensor, "ray 3"], target: Float[Tensor, "ray 3"]
     ) -> Bool[Tensor, "ray"]:
-        """True where a triangle cuts the open segment, `tolerance` left out at both ends."""
+        """True where a triangle cuts the open segment, `tolerance` left out at both ends.
+
+        Raises:
+            ShapeError: not `ray 3` both.
+            DTypeError: integers.
+        """
 
     def visible(
         self, origin: Float[Tensor, "*batch 3"], target: Float[Tensor, "*batch 3"]
     ) -> Bool[Tensor, "*batch"]:
-        """Not `occluded`, for points of any (broadcast) shape."""
-        origin, target = torch.broadcast_tensors(origin, target)
+        """Not `occluded`, for points of any (broadcast) shape; `ShapeError` if they have none."""
+        require_axes("origin", origin, 3)
+        require_axes("target", target, 3)
+        shape = broadcast_shape("origin, target", origin.shape, target.shape)
+        origin, target = origin.expand(shape), target.expand(shape)
         blocked = self.occluded(origin.reshape(-1, 3), target.reshape(-1, 3))
         return ~blocked.reshape(origin.shape[:-1])
 
 
 def check_triangles(corners: Float[Tensor, "triangle 3 3"]) -> None:
     """Raise a named error unless `corners` is a finite `triangle 3 3`."""
+    require_kind("corners", corners, Tensor)
     if corners.ndim != 3 or corners.shape[1:] != (3, 3):
         raise ShapeError("corners", f"shape {tuple(corners.shape)}", "pass `triangle 3 3`")
     if corners.is_complex():
         raise DTypeError("corners", f"a tensor of {corners.dtype}", "pass real numbers")
-    if not bool(torch.isfinite(corners).all()):
-        raise InvalidValueError("corners", "NaN or infinite numbers", "pass finite corners")
+    check_corners("corners", corners)
+
+
+def check_rays(origin: Tensor, other: Tensor, name: str) -> None:
+    """Raise a named error unless both are `ray 3`; `name`: of the other."""
+    for where, tensor in (("origin", origin), (name, other)):
+        require_kind(where, tensor, Tensor)
+        require_axes(where, tensor, 3)
+    if origin.ndim != 2 or origin.shape != other.shape:
+        got = f"shapes {tuple(origin.shape)}, {tuple(other.shape)}"
+        raise ShapeError(f"origin, {name}", got, "pass `ray 3` both")
 
 
 def shortened(

@@ -24,7 +24,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import require_axes, require_whole
+from torchradiometry.errors import (
+    DTypeError,
+    IndexRangeError,
+    ShapeError,
+    require_axes,
+    require_kind,
+    require_whole,
+)
 from torchradiometry.geometry.patches import Patches, subdivide
 from torchradiometry.numerics import (
     guarded_divide,
@@ -239,3 +246,18 @@ def pair_index(count: int, mask: Tensor) -> tuple[Int[Tensor, "pair"], Int[Tenso
     receiver, emitter = torch.nonzero(mask, as_tuple=True)
     upper = receiver < emitter
     return receiver[upper], emitter[upper]
+
+
+def check_pairs(patches: int, receiver: Tensor, emitter: Tensor) -> None:
+    """Raise a named error unless both index as many of so many patches."""
+    require_kind("receiver", receiver, Tensor)
+    require_kind("emitter", emitter, Tensor)
+    if receiver.shape != emitter.shape or receiver.ndim != 1:
+        got = f"shapes {tuple(receiver.shape)} and {tuple(emitter.shape)}"
+        raise ShapeError("receiver, emitter", got, "pass as many of both in one row")
+    for name, index in (("receiver", receiver), ("emitter", emitter)):
+        if index.dtype not in (torch.int32, torch.int64):
+            raise DTypeError(name, f"a tensor of {index.dtype}", "pass indices of patches, int64")
+        wrong = index[(index < 0) | (index >= patches)]
+        if len(wrong):
+            raise IndexRangeError(name, f"{int(wrong[0])}", f"pass 0 to {patches - 1}")

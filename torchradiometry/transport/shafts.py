@@ -36,8 +36,9 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import require_axes
-from torchradiometry.geometry.patches import Patches, vector_area
+from torchradiometry.geometry.patches import Patches, check_patches, vector_area
 from torchradiometry.numerics import guarded_divide, safe_normalize
+from torchradiometry.transport.rules import check_pairs
 
 if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int
@@ -82,13 +83,18 @@ def certain_pairs(
     Returns:
         (visible, hidden). Pairs that are neither may still be either.
 
+    Raises:
+        DTypeError, ShapeError, InvalidValueError, OutOfRangeError: patches as of `form_factors`.
+        DTypeError, ShapeError, IndexRangeError: pairs as of `pair_visibility`.
+
     >>> square = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     >>> pair = Patches(torch.stack((square, square.flip(0) + torch.tensor([0.0, 0, 2]))))
     >>> wall = (square * 3 + torch.tensor([-1.0, -1, 1])).unsqueeze(0)
     >>> certain_pairs(pair, wall, torch.tensor([0]), torch.tensor([1]))
     (tensor([False]), tensor([True]))
     """
-    require_axes("patches", patches.corners, None, None, 3)
+    check_patches(patches)
+    check_pairs(patches.count, receiver, emitter)
     require_axes("blockers", blockers, None, 4, 3)
     visible = torch.ones_like(receiver, dtype=torch.bool)
     hidden = torch.zeros_like(visible)

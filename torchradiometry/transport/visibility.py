@@ -32,17 +32,14 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import (
-    DTypeError,
-    IndexRangeError,
-    ShapeError,
-    require_axes,
+    require_kind,
     require_whole,
 )
-from torchradiometry.geometry.patches import Patches
+from torchradiometry.geometry.patches import Patches, check_patches
 from torchradiometry.numerics import guarded_divide, safe_sqrt
 from torchradiometry.transport.blockers import convex_blockers, possible_blockers
 from torchradiometry.transport.rays import AbstractRayCaster
-from torchradiometry.transport.rules import sample_patches, sequence
+from torchradiometry.transport.rules import check_pairs, sample_patches, sequence
 from torchradiometry.transport.shafts import certain_pairs
 
 if TYPE_CHECKING:
@@ -100,13 +97,15 @@ def pair_visibility(
         0..1 each, detached.
 
     Raises:
+        DTypeError, ShapeError, InvalidValueError, OutOfRangeError: patches as of `form_factors`.
         DTypeError, OutOfRangeError: samples that are no whole number from 1 to 65536.
         DTypeError, ShapeError, IndexRangeError: indices that are not whole, not as many of both,
             or of no patch.
     """
-    require_axes("patches", patches.corners, None, None, 3)
+    check_patches(patches)
+    require_kind("rays", rays, AbstractRayCaster, "ray caster, such as EmbreeRays(triangles)")
     require_whole("samples", samples, 1, 2**16)
-    _check_pairs(patches.count, receiver, emitter)
+    check_pairs(patches.count, receiver, emitter)
     generator = torch.Generator().manual_seed(seed)
     visible, hidden = _certain(patches, rays, receiver, emitter, samples)
     doubtful = torch.nonzero(~(visible | hidden)).squeeze(-1)
@@ -119,18 +118,6 @@ def pair_visibility(
         found = _sampled(points, rays, i, j, samples, matters, generator)
         visibility[doubtful], error[doubtful] = found
     return PairVisibility(visibility, error)
-
-
-def _check_pairs(patches: int, receiver: Tensor, emitter: Tensor) -> None:
-    if receiver.shape != emitter.shape or receiver.ndim != 1:
-        got = f"shapes {tuple(receiver.shape)} and {tuple(emitter.shape)}"
-        raise ShapeError("receiver, emitter", got, "pass as many of both in one row")
-    for name, index in (("receiver", receiver), ("emitter", emitter)):
-        if index.dtype not in (torch.int32, torch.int64):
-            raise DTypeError(name, f"a tensor of {index.dtype}", "pass indices of patches, int64")
-        wrong = index[(index < 0) | (index >= patches)]
-        if len(wrong):
-            raise IndexRangeError(name, f"{int(wrong[0])}", f"pass 0 to {patches - 1}")
 
 
 def _certain(

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from torchradiometry.arguments import broadcast_shape
 from torchradiometry.errors import ShapeError, require_axes
 from torchradiometry.geometry.patches import vector_area
 from torchradiometry.geometry.polygon_irradiance import polygon_irradiance
@@ -133,7 +134,7 @@ def visible_irradiance(
     (given,) = wide(normal)
     unit = safe_normalize(given)
     views, screens, margin = _prepared(position, unit, polygon, blockers, margin)
-    shape = torch.broadcast_shapes(position.shape[:-1], normal.shape[:-1], polygon.shape[:-2])
+    shape = _shape(position, normal, polygon)
     found = [
         _irradiance(views.chosen(block), screens, margin, two_sided, rounding)
         for block in _blocks(views, screens)
@@ -219,8 +220,14 @@ def blockers_between(
     views, screens, margin = _prepared(position, normal, polygon, blockers, None)
     lit = polygon_irradiance(views.position, views.normal, views.polygon) > 0
     found = [_between(views.chosen(b), screens, margin).sum(-1) for b in _blocks(views, screens)]
-    shape = torch.broadcast_shapes(position.shape[:-1], normal.shape[:-1], polygon.shape[:-2])
+    shape = _shape(position, normal, polygon)
     return (torch.cat(found) * lit).reshape(shape)
+
+
+def _shape(position: Tensor, normal: Tensor, polygon: Tensor) -> torch.Size:
+    """The axes of points and polygons together."""
+    leading = position.shape[:-1], normal.shape[:-1], polygon.shape[:-2]
+    return broadcast_shape("position, normal, polygon", *leading)
 
 
 def _prepared(
@@ -245,7 +252,7 @@ def _prepared(
             float(t.detach().abs().max()) for t in (position, polygon, blockers) if t.numel()
         ]
         margin = ROUNDINGS * torch.finfo(dtype).eps * max([*largest, 0.0])
-    shape = torch.broadcast_shapes(polygon.shape[:-2], position.shape[:-1], normal.shape[:-1])
+    shape = _shape(position, normal, polygon)
     x, up = (t.expand(*shape, 3).reshape(-1, 3) for t in wide(position, normal))
     corners = wide(polygon)[0].expand(*shape, -1, -1).reshape(-1, polygon.shape[-2], 3)
     facing = safe_normalize(vector_area(corners))

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from torchradiometry.errors import IndexRangeError, OutOfRangeError
+from torchradiometry.errors import IndexRangeError, OutOfRangeError, require_kind, require_whole
 from torchradiometry.learn.samples.geometry_bank import SurfaceBank, make_surfaces
 from torchradiometry.learn.samples.images import Observations, observe
 from torchradiometry.learn.samples.lit_shapes import ShapeBank, light_shapes
@@ -100,6 +100,7 @@ def make_bank(
         advance: called after each.
         only: numbers of those to make; by default all.
     """
+    require_kind("options", options, SurfaceOptions)
     parts = []
     for done, k in enumerate(range(options.shapes) if only is None else only, 1):
         made = make_surfaces(
@@ -192,7 +193,12 @@ def make_shapes(
         advance: called after each.
         meshes: files; where there are any, every second shape is one of them.
         only: numbers of those to make; by default all.
+
+    Raises:
+        DTypeError, OutOfRangeError: no whole numbers of at least one shape of 16 pixels.
     """
+    require_whole("shapes", shapes, 1)
+    require_whole("size", size, 16, 2**14)
     parts = []
     for done, k in enumerate(range(shapes) if only is None else only, 1):
         generator = generator_for(seed, 4, k)

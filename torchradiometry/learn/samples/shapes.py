@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
-from torchradiometry.errors import OutOfRangeError, require_axes
+from torchradiometry.errors import OutOfRangeError, require_axes, require_kind, require_whole
 from torchradiometry.geometry.depth import points_to_normals
 from torchradiometry.learn.samples.solids import grid, lathe, limbs, sheets, stones, uniform
 
@@ -59,7 +59,7 @@ def random_shapes(
 
     Args:
         count: how many, >= 1.
-        size: pixels along an edge, >= 16.
+        size: pixels along an edge, 16...16384.
         generator: the source of chance; the same state gives the same shapes.
         families: which of `FAMILIES` to draw from.
 
@@ -67,16 +67,16 @@ def random_shapes(
         Heights, normals and masks.
 
     Raises:
-        OutOfRangeError: a count below 1, a size below 16 or an unknown family.
+        DTypeError: a count or size that is no whole number, or no generator.
+        OutOfRangeError: a count below 1, a size out of range or an unknown family.
 
     >>> shapes = random_shapes(2, 32, torch.Generator().manual_seed(0))
     >>> shapes.normal.shape, bool(shapes.mask.any())
     (torch.Size([2, 3, 32, 32]), True)
     """
-    if count < 1:
-        raise OutOfRangeError("count", str(count), "ask for at least one shape")
-    if size < 16:
-        raise OutOfRangeError("size", str(size), "use at least 16 pixels along an edge")
+    require_whole("count", count, 1)
+    require_whole("size", size, 16, 2**14)
+    require_kind("generator", generator, torch.Generator)
     unknown = [family for family in families if family not in FAMILIES]
     if unknown or not families:
         raise OutOfRangeError("families", str(list(families)), f"choose some of {FAMILIES}")
