@@ -33,7 +33,7 @@ def as_numbers(where: str, value: object, dtype: torch.dtype | None = None) -> T
     try:
         tensor = torch.as_tensor(value)
     except (TypeError, ValueError, RuntimeError) as error:
-        raise DTypeError(where, f"{value!r}"[:60], "pass numbers, or lists as long") from error
+        raise DTypeError(where, f"{value!r}"[:60], "pass a tensor, a number or a list") from error
     if tensor.is_complex():
         raise DTypeError(where, f"a tensor of {tensor.dtype}", "pass real numbers")
     if dtype is None and not tensor.is_floating_point():

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from tests.cases import ADJOINTS, LAYERS, MATERIALS, SOLVERS, SOURCES, TRANSPORT, Case, Sizes
 from tests.hard_cases.functions import FUNCTIONS
-from tests.hard_cases.subjects import TINY, Leaves, Subject
+from tests.hard_cases.subjects import Leaves, Subject
 from tests.invariants import draws
 from tests.invariants.draws import invariant
 from torchradiometry import render, scene, shade
@@ -29,7 +29,9 @@ FAMILIES = {
 }
 MEMBERS = [(family, case) for family, cases in FAMILIES.items() for case in cases]
 IDS = [f"{family}-{case.name}" for family, case in MEMBERS]
-POINTS = TINY.batch * TINY.height * TINY.width
+#: images, pixels (or points, patches, triangles) and lights of one draw
+SIZES = Sizes(2, 4, 8, 2)
+POINTS = SIZES.batch * SIZES.height * SIZES.width
 #: built once
 SUBJECTS: dict[tuple[str, str], Subject] = {}
 #: large enough for torch to share the work among threads
@@ -61,7 +63,7 @@ def same_bits(run: Callable[[], list[Tensor]]) -> None:
 @given(seed=draws.seeds, single=st.booleans())
 @invariant(POINTS)
 def test_same_bits(family: str, case: Case, seed: int, single: bool) -> None:
-    subject = SUBJECTS.setdefault((family, case.name), Subject(family, case))
+    subject = SUBJECTS.setdefault((family, case.name), Subject(family, case, SIZES))
     draw = draws.generator(seed)
     # a little, so that rooms stay closed, polygons planar and albedos below 1
     leaves = {key: t * draws.uniform(draw, low=0.9, high=1.0) for key, t in subject.easy.items()}

@@ -74,9 +74,10 @@ def point_arrival(
     offset = guard_offset(light_first(lamp, position) - inner, intensity, dtype)
     distance = safe_norm(offset)
     lit = distance > 0
-    # I/r/r and not I/(r*r): neither r*r nor its inverse need be a number of the dtype.
-    radius = torch.where(lit, distance, 1).unsqueeze(-1)
-    facing = torch.where(lit.unsqueeze(-1), intensity / radius / radius, 0)
+    # neither r^2 nor 1/r^2 need be a number of the dtype; products, whose backward pass multiplies
+    # a gradient of 0 by finite numbers only
+    closeness = 1 / torch.where(lit, distance, 1).unsqueeze(-1)
+    facing = torch.where(lit.unsqueeze(-1), intensity * closeness * closeness, 0)
     found = Arrival(safe_normalize(offset), facing, distance)
     return found if offset.dtype == dtype else Arrival(*(narrow(t, dtype) for t in found))
 
