@@ -8,6 +8,7 @@ from torch import Tensor
 
 from torchradiometry import transport
 from torchradiometry.geometry.patches import Patches
+from torchradiometry.transport import unoccluded
 
 #: of the contour in float64, of what two patches that face each other would exchange
 CANCELLATION = 2e-11
@@ -59,3 +60,16 @@ def test_the_tip_of_a_triangle_above_the_other_s_plane(apart: float) -> None:
     exact = transport.polygon_exchange(floor, tips, rtol=1e-12)
     assert (exact > 0).all()
     assert float((exchange(floor, tips) / exact - 1).abs().max()) < PRODUCT
+
+
+def test_rows_in_blocks_are_those_of_all_pairs_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    draw = torch.Generator().manual_seed(0)
+    corners = torch.rand(21, 3, 3, generator=draw, dtype=torch.float64)
+    layer = transport.UnoccludedFormFactors(3)
+    found = []
+    for most in (1, 100, 10**6):
+        monkeypatch.setattr(unoccluded, "PAIRS", most)
+        found.append(layer(corners))
+    assert float(found[0].sum()) > 0
+    assert torch.equal(found[0], found[2])
+    assert torch.equal(found[1], found[2])

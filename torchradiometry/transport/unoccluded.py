@@ -25,10 +25,11 @@ References: as of `contour`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, NamedTuple, final
 
 import torch
 from torch import Tensor, nn
+from torch._higher_order_ops.while_loop import while_loop
 
 from torchradiometry.errors import require_floating, require_whole
 from torchradiometry.geometry.clipping import clip_slots
@@ -52,6 +53,8 @@ DISTANT, DEGREE = 5.0, 9
 RULE = [t.tolist() for t in corner_shares(3, DEGREE, torch.zeros(0, dtype=torch.float64))]
 #: edges and points of one patch that meet all of the other at a time: memory against operations
 EDGES, POINTS = 2, 25
+#: pairs that are taken at a time where no graph is made: more do not fit the cache
+PAIRS = 2**8
 
 
 def graded_line(order: int) -> tuple[Float[Tensor, "point"], Float[Tensor, "point"]]:
@@ -75,8 +78,9 @@ def unoccluded_form_factors(
         node, weight: of the outer edges, 0..1, from `graded_line`.
 
     Returns:
-        0..1; rows and columns of degenerate patches are 0. Memory grows as patches^2 x points:
-        108 triangles and 48 points took 1.1 GB.
+        0..1; rows and columns of degenerate patches are 0. Memory grows as patches^2 x points
+        where gradients are kept or a graph is compiled (108 triangles and 48 points: 1.1 GB), else as
+        patches^2 alone (256 triangles: 0.6 GB with all that is loaded, exported too).
 
     Differentiable in: corners (kinks where a corner crosses another patch's plane).
     Export: compile yes, ONNX yes, with a dynamic patch axis; float64 inside.
@@ -98,9 +102,16 @@ def unoccluded_form_factors(
     corners = corners / torch.where(unit > 0, unit, 1)
     height = _heights(corners)
     reached = height.amax(0) > 0
-    visible = _visible(corners, height)
-    away = _away(visible.detach())
-    total = torch.where(away, _product(visible, away), _contour(visible, node, weight))
+    parts = _visible(corners, height)
+    rules = _Rules(node, weight, *(corners.new_tensor(rows) for rows in RULE))
+    if torch.compiler.is_exporting():
+        total = _row_by_row(parts, rules)
+    elif torch.compiler.is_compiling():  # a graph knows no number of blocks
+        total = _total(parts.mT, parts, rules)
+    else:
+        block = max(PAIRS // parts.shape[-1], 1)
+        rows = zip(parts.mT.split(block, -2), parts.split(block, -2), strict=True)
+        total = torch.cat([_total(own, other, rules) for own, other in rows])
     exchange = torch.where(reached & reached.mT, total + total.mT, 0).clamp(min=0) / 2
     return guarded_divide(exchange, safe_norm(vector_area(corners)).unsqueeze(1)).to(dtype)
 
@@ -125,43 +136,87 @@ def _visible(corners: Tensor, height: Tensor) -> Float[Tensor, "2 4 edge patch p
     return torch.stack([torch.cat(ends, 1) for ends in zip((start, end), last, strict=True)])
 
 
-def _contour(visible: Tensor, node: Tensor, weight: Tensor) -> Float[Tensor, "patch patch"]:
+class _Rules(NamedTuple):
+    """Points and weights: of the outer edges, and in the triangles of the product rule."""
+
+    node: Float[Tensor, "point"]
+    weight: Float[Tensor, "point"]
+    share: Float[Tensor, "sample 3"]
+    portion: Float[Tensor, "sample"]
+
+
+def _row_by_row(parts: Tensor, rules: _Rules) -> Float[Tensor, "patch patch"]:
+    """`_total` of one receiver after the other: a loop in the graph, whose memory is one row's."""
+    receiver = torch.arange(parts.shape[-1], device=parts.device)
+
+    def following(k: Tensor, total: Tensor) -> tuple[Tensor, Tensor]:
+        here = k.reshape(1)
+        own, other = parts.index_select(-1, here).mT, parts.index_select(-2, here)
+        row = _total(own, other, rules)
+        return k + 1, torch.where((receiver == k).unsqueeze(1), row, total)
+
+    start = torch.zeros((), dtype=torch.int64, device=parts.device)
+    state = (start, torch.zeros_like(parts[0, 0, 0]))
+    return while_loop(lambda k, _: k < parts.shape[-1], following, state)[1]
+
+
+def _total(own: Tensor, other: Tensor, rules: _Rules) -> Float[Tensor, "*pair"]:
+    """Exchange areas of pairs, half of a symmetric sum, by either rule.
+
+    Args:
+        own: of the part of patch i in front of patch j, from `_visible`.
+        other: of the part of patch j in front of patch i.
+        rules: the outer edges are i's.
+    """
+    away = _away(own.detach(), other.detach())
+    near = _contour(own, other, rules)
+    return torch.where(away, _product(own, other, away, rules), near)
+
+
+def _contour(own: Tensor, other: Tensor, rules: _Rules) -> Float[Tensor, "*pair"]:
     """The double contour integral, a few outer edges after the other."""
-    place, end = visible[:, :3].unsqueeze(2)
+    place, end = other[:, :3].unsqueeze(2)
     edge = end - place
+    start, last = own[:, :3]
     total = torch.zeros_like(place[0, 0, 0])
-    outer_edges, starts = (t.mT.squeeze(1).unsqueeze(2).split(EDGES, 1) for t in (edge, place))
-    for outer, start in zip(outer_edges, starts, strict=True):
-        near = (place - start).unsqueeze(-1) - outer.unsqueeze(-1) * node
-        mean = (log_distance(near, near + edge.unsqueeze(-1)) * weight).sum(-1)
+    blocks = zip(*(t.unsqueeze(2).split(EDGES, 1) for t in (start, last - start)), strict=True)
+    for begin, outer in blocks:
+        near = (place - begin).unsqueeze(-1) - outer.unsqueeze(-1) * rules.node
+        mean = (log_distance(near, near + edge.unsqueeze(-1)) * rules.weight).sum(-1)
         total = total + ((outer * edge).sum(0) * mean).sum((0, 1))
     return total / (2 * math.pi)
 
 
-def _away(visible: Tensor) -> Bool[Tensor, "patch patch"]:
+def _away(own: Tensor, other: Tensor) -> Bool[Tensor, "*pair"]:
     """Pairs whose visible parts lie so far apart that the product rule has converged."""
-    corner = visible[0, :3].movedim(0, -1)
-    middle = corner.mean(0)
-    radius = safe_norm(corner - middle).amax(0)
-    gap = safe_norm(middle - middle.transpose(0, 1)) - torch.minimum(radius, radius.mT)
-    return gap > DISTANT * torch.maximum(radius, radius.mT)
+    corner = torch.stack((own, other))[:, 0, :3].movedim(1, -1)
+    middle = corner.mean(1)
+    radius = safe_norm(corner - middle.unsqueeze(1)).amax(1)
+    gap = safe_norm(middle[0] - middle[1]) - radius.amin(0)
+    return gap > DISTANT * radius.amax(0)
 
 
-def _product(visible: Tensor, away: Tensor) -> Float[Tensor, "patch patch"]:
+def _product(own: Tensor, other: Tensor, away: Tensor, rules: _Rules) -> Float[Tensor, "*pair"]:
     """The product rule; a finite number of no meaning where not `away`."""
-    start, end = visible[:, :, :-1]
-    fan = torch.stack((visible[0, :, -1:].expand_as(start), start, end), 1).flatten(2)
-    triangle = Polygon(fan[:3], fan[3])
-    share, rule = (fan.new_tensor(rows) for rows in RULE)
-    bright = (share @ triangle.height).clamp(min=0) * triangle.area * rule.unsqueeze(-1)
-    bright = bright.reshape(-1, *away.shape)
-    point = (share @ triangle.corner).reshape(3, -1, *away.shape)
-    apart = torch.where(away, point, point + 4)  # from the first, also if it is the same
+    (here, lit), (there, bright) = (_points(side, rules) for side in (own, other))
+    apart = torch.where(away, there, there + 4)  # from the first, also if it is the same
     total = torch.zeros_like(bright[0])
-    blocks = zip(point.mT.split(POINTS, 1), bright.mT.split(POINTS), strict=True)
-    for here, share in blocks:
-        total = total + product_sum(here, share, apart, bright)
+    for place, share in zip(here.split(POINTS, 1), lit.split(POINTS), strict=True):
+        total = total + product_sum(place, share, apart, bright)
     return total / math.pi
+
+
+def _points(
+    side: Tensor, rules: _Rules
+) -> tuple[Float[Tensor, "3 point *pair"], Float[Tensor, "point *pair"]]:
+    """Of the product rule on the visible parts, and what each counts there."""
+    start, end = side[:, :, :-1]
+    fan = torch.stack((side[0, :, -1:].expand_as(start), start, end), 1).flatten(2)
+    triangle = Polygon(fan[:3], fan[3])
+    lit = (rules.share @ triangle.height).clamp(min=0)
+    bright = lit * triangle.area * rules.portion.unsqueeze(-1)
+    point = (rules.share @ triangle.corner).reshape(3, -1, *start.shape[2:])
+    return point, bright.reshape(-1, *start.shape[2:])
 
 
 def _heights(corners: Tensor) -> Float[Tensor, "corner patch patch"]:
