@@ -71,5 +71,5 @@ def test_rows_in_blocks_are_those_of_all_pairs_at_once(monkeypatch: pytest.Monke
         monkeypatch.setattr(unoccluded, "PAIRS", most)
         found.append(layer(corners))
     assert float(found[0].sum()) > 0
-    assert torch.equal(found[0], found[2])
-    assert torch.equal(found[1], found[2])
+    for blocks in found[:2]:
+        torch.testing.assert_close(blocks, found[2], rtol=0, atol=CANCELLATION)

@@ -79,8 +79,8 @@ def unoccluded_form_factors(
 
     Returns:
         0..1; rows and columns of degenerate patches are 0. Memory grows as patches^2 x points
-        where gradients are kept or a graph is compiled (108 triangles and 48 points: 1.1 GB), else as
-        patches^2 alone (256 triangles: 0.6 GB with all that is loaded, exported too).
+        where gradients are kept or a graph is compiled (108 triangles and 48 points: 1.1 GB),
+        else as patches^2 alone (256 triangles: 0.6 GB with all that is loaded, exported too).
 
     Differentiable in: corners (kinks where a corner crosses another patch's plane).
     Export: compile yes, ONNX yes, with a dynamic patch axis; float64 inside.
