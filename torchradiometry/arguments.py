@@ -31,7 +31,8 @@ def as_numbers(where: str, value: object, dtype: torch.dtype | None = None) -> T
         DTypeError: no numbers, lists of different lengths, or complex numbers.
     """
     try:
-        tensor = torch.as_tensor(value)
+        # digits of Python's numbers are not to pass through torch's default dtype
+        tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=dtype)
     except (TypeError, ValueError, RuntimeError) as error:
         raise DTypeError(where, f"{value!r}"[:60], "pass a tensor, a number or a list") from error
     if tensor.is_complex():

@@ -115,6 +115,19 @@ def test_what_is_built_from_another_kind_is_named(what: str, value: object) -> N
         HELD[what](value)
 
 
+def test_numbers_keep_the_digits_of_the_dtype_that_is_asked_for() -> None:
+    crate = scene.box("crate", (0.2, 0.2, 0.2), (0.1, 0.1, 0.1), albedo=0.1, dtype=torch.float64)
+    assert float(crate.albedo[0]) == 0.1
+    assert float(crate.vertices.max()) == pytest.approx(0.2, rel=1e-15)
+    wall = scene.quad(
+        "wall", [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], dtype=torch.double
+    )
+    assert float(wall.vertices.max()) == 0.1
+    eye = torch.tensor([0.0, 0, 1], dtype=torch.float64)
+    assert float(geometry.look_at(eye, [0.0, 0, 0], [0, 1, 0])[2, 3]) == 1.0
+    assert float(geometry.look_at([0.1, 0.0, 1.0], 0 * eye)[0, 3]) == 0.1
+
+
 @pytest.mark.parametrize("value", [torch.nan, torch.inf, -1.0])
 def test_ambient_light_is_a_radiance(value: float) -> None:
     with pytest.raises(RadiometryError, match="radiance"):

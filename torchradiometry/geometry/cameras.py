@@ -335,14 +335,15 @@ def rigid(matrix: Float[Tensor, "4 4"]) -> Float[Tensor, "4 4"]:
 
 
 def _vectors(**named: object) -> list[Tensor]:
-    """The arguments as 3-vectors of one floating dtype."""
-    tensors = [as_numbers(f"look_at {name}", value) for name, value in named.items()]
+    """The arguments as 3-vectors of one floating dtype, the widest of all; lists are as wide."""
+    first = [as_numbers(f"look_at {name}", value) for name, value in named.items()]
+    dtype = reduce(torch.promote_types, (t.dtype for t in first))
+    tensors = [as_numbers(f"look_at {name}", value, dtype) for name, value in named.items()]
     for name, t in zip(named, tensors, strict=True):
         if t.shape != (3,):
             raise ShapeError(f"look_at {name}", f"shape {tuple(t.shape)}", "pass a 3-vector")
         if not bool(torch.isfinite(t).all()):
             raise InvalidValueError(f"look_at {name}", f"{t.tolist()}", "pass finite numbers")
-    dtype = reduce(torch.promote_types, (t.dtype for t in tensors))
     return [t.to(dtype=dtype, device=tensors[0].device) for t in tensors]
 
 
