@@ -116,7 +116,9 @@ def test_gradients(make, generator: torch.Generator) -> None:
 
 
 def test_look_at_looks_there() -> None:
-    assert_close(pinhole().project(torch.tensor([-0.5, 0.3, 0.2], dtype=torch.float64)), [20.0, 15.0])
+    assert_close(
+        pinhole().project(torch.tensor([-0.5, 0.3, 0.2], dtype=torch.float64)), [20.0, 15.0]
+    )
     assert_close(pinhole().position, [1.0, 2.0, 3.0])
     above = pinhole().project(torch.tensor([-0.5, 0.4, 0.2], dtype=torch.float64))
     assert above[1] < 15
