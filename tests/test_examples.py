@@ -50,6 +50,13 @@ def test_reflexes(tmp_path: Path) -> None:
     assert (tmp_path / "reflexes.png").stat().st_size > 500
 
 
+def test_smoothing(tmp_path: Path) -> None:
+    found = load("smoothing").main(fast=True, out=tmp_path / "bowl.png")
+    for measured, wanted in found.values():
+        assert measured == pytest.approx(wanted, rel=0.02, abs=0.02)
+    assert (tmp_path / "bowl.png").stat().st_size > 500
+
+
 def test_concave_relief(tmp_path: Path) -> None:
     found = load("concave_relief").main(fast=True, out=tmp_path / "reliefs.png")
     for errors in found.values():
