@@ -61,7 +61,6 @@ def test_concave_relief(tmp_path: Path) -> None:
     found = load("concave_relief").main(fast=True, out=tmp_path / "reliefs.png")
     for errors in found.values():
         assert errors["global"] < errors["local"] / 2
-        assert errors["global, albedo unknown"] < errors["local, albedo unknown"] / 2
     assert (tmp_path / "reliefs.png").stat().st_size > 500
 
 

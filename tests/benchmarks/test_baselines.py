@@ -2,7 +2,7 @@
 
 import torch
 
-from tests.benchmarks import operators, unoccluded
+from tests.benchmarks import concave_reliefs, operators, unoccluded
 from tests.benchmarks.layers import cases, lobe_errors, rows
 from torchradiometry import UnoccludedFormFactors, cornell_like_room
 
@@ -30,6 +30,13 @@ def test_pairs_of_triangles_as_they_stand_in_meshes_keep_six_digits() -> None:
     relative, _ = unoccluded.errors(*pairs, layer)
     assert len(relative) > 10
     assert relative.max() < 1e-6
+
+
+def test_a_relief_is_found_by_its_reflected_light_with_its_albedo_unknown() -> None:
+    groove = concave_reliefs.CASES["groove, 0.6"]
+    local, full, local_unknown, full_unknown = concave_reliefs.errors(*groove, 12, 20)
+    assert full < local / 2
+    assert full_unknown < local_unknown / 2
 
 
 def test_a_matrix_and_a_tree_stand_in_rows_of_the_same_patches() -> None:
