@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-import torch
-
-from torchradiometry.geometry import depth_to_normals
-from torchradiometry.learn.reflectance import recorded
-from torchradiometry.materials import Microfacet, OrenNayar
-from torchradiometry.shade import CastShadow
-from torchradiometry.sources import DirectionalSource
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -157,61 +149,6 @@ def test_train_and_ship(tmp_path: Path) -> None:
     assert found["torch against onnxruntime"] < 1e-4
     assert found["60 steps"] < found["least squares"]
     assert (tmp_path / "curve.png").stat().st_size > 500
-
-
-def test_photographs_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    example = load("photographs_explained")
-    assert example.main(out=tmp_path / "ladder.png", source=tmp_path / "nowhere") == {}
-    assert "no photographs there" in capsys.readouterr().out
-    with torch.no_grad():
-        view, albedo = dented(example)
-        ladder, found = example.explain(view)
-    errors = ladder.errors
-    assert errors["Lambertian"] > 0.1
-    assert errors["+ Blinn-Phong"] < errors["Lambertian"]
-    assert errors["+ cast shadows"] < errors["+ Blinn-Phong"]
-    assert errors["+ rough diffuse"] < 0.7 * errors["+ cast shadows"]
-    assert errors["+ the camera's range"] < 0.8 * errors["+ rough diffuse"]
-    assert errors["+ indirect light"] < 0.8 * errors["microfacets for Blinn-Phong"]
-    assert errors["+ indirect light"] < 0.02
-    assert errors["+ weights of each pixel"] < 0.02
-    assert found["mean albedo"] == pytest.approx(float(albedo.mean()), rel=0.1)
-    example.draw_ladder({"dent": ladder}, tmp_path / "ladder.png")
-    assert (tmp_path / "ladder.png").stat().st_size > 500
-
-
-def dented(example: ModuleType, size: int = 24) -> tuple[object, torch.Tensor]:
-    """Photographs of a dented plate that the example's own model makes, and its albedos."""
-    axis = torch.linspace(-1, 1, size)
-    square = axis.square() + axis.square().unsqueeze(1)
-    height = size * (0.3 * torch.exp(-12 * square) - 0.25 * torch.exp(-3 * square))
-    depth = -height[None, None]
-    normals = depth_to_normals(depth, pixel_size=1.0)[0].flatten(1).T
-    turn, tilt = torch.arange(24) * 2.4, torch.linspace(0.2, 1.1, 24)
-    sideways = tilt.sin().unsqueeze(1) * torch.stack((turn.cos(), turn.sin()), 1)
-    lamps = torch.cat((sideways, tilt.cos().unsqueeze(1)), 1)
-    mask = torch.ones(size, size, dtype=torch.bool)
-    view = example.View(torch.ones(size * size, 24), torch.full((24,), 0.9), lamps, normals, mask)
-    albedo = (0.6 + 0.2 * torch.sin(9 * axis) * torch.cos(7 * axis).unsqueeze(1)).flatten()
-    light = DirectionalSource(lamps, torch.ones(24, 1))
-    shadow = CastShadow(light, width=example.PENUMBRA, pixel_size=1.0)
-    visible = shadow(depth)[0].flatten(1).T
-    matt = view.responses([OrenNayar([1.0], [0.5])])[0] * visible
-    shine = view.responses([Microfacet([0.04], [0.17])])[0] * visible
-    between = example.bounced(view, depth, visible, albedo, float(albedo.mean()))
-    seen = recorded(albedo.unsqueeze(1) * (matt + between) + shine, view.ceiling)
-    return replace(view, grey=seen), albedo
-
-
-@pytest.mark.data
-def test_photographs_explained_on_photographs(tmp_path: Path, benchmark_data: Path) -> None:
-    example = load("photographs_explained")
-    source = benchmark_data / "diligent"
-    shown = tmp_path / "panels.png"
-    errors = example.main(True, tmp_path / "ladder.png", source, shown)
-    for ladder in errors.values():
-        assert ladder["+ weights of each pixel"] < 0.8 * ladder["Lambertian"]
-    assert shown.stat().st_size > 500
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)

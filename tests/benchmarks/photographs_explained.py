@@ -1,5 +1,7 @@
 """Real photographs, predicted from others of the same object under other lamps.
 
+`python -m tests.benchmarks.photographs_explained`
+
 A camera that looks along z sees a point of known normal n under a distant lamp l. With V the
 lamp's cast shadow and E_r the light that the object sends to itself,
 
@@ -17,10 +19,9 @@ own. Heights come from the normals by `normals_to_heights`, with weights for bre
 bounce and an ambient tail. Its albedo is known only up to a factor, the same that photographs have
 to radiance; the mean albedo is found so that t = 1.
 
-Run it: `python examples/photographs_explained.py`, with the four DiLiGenT objects of `SOURCE`. It
-writes `docs/pictures/photographs.png`, the ladder. With a file name behind it, it also writes
-measured, predicted and their difference (times 4) for one photograph of each object there: the
-photographs are not ours to publish.
+It needs the four DiLiGenT objects of `SOURCE` and writes `docs/pictures/photographs.png`, the
+ladder. With `--panels FILE` it also writes measured, predicted and their difference (times 4) for
+one photograph of each object there: the photographs are not ours to publish.
 
 References: B. Shi et al., "A benchmark dataset and evaluation for non-Lambertian and uncalibrated
 photometric stereo", TPAMI 2019.
@@ -28,7 +29,7 @@ photometric stereo", TPAMI 2019.
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -58,7 +59,7 @@ from torchradiometry.shade import CastShadow
 from torchradiometry.shade.interreflection import reflected_irradiance
 from torchradiometry.sources import DirectionalSource
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 PICTURE = ROOT / "docs" / "pictures" / "photographs.png"
 SOURCE = ROOT.parent / "shared" / "data" / "diligent"
 OBJECTS = ("ball", "bear", "cat", "pot1")
@@ -287,4 +288,8 @@ def main(
 
 
 if __name__ == "__main__":
-    main(panels=Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=SOURCE, help="folder of the four objects")
+    parser.add_argument("--panels", type=Path, help="picture to write: measured and predicted")
+    options = parser.parse_args()
+    main(source=options.data, panels=options.panels)
