@@ -232,3 +232,40 @@ def test_zero_direction_gives_no_light() -> None:
     out = LambertianShading(DirectionalSource([0.0, 0, 0], [1.0]))(N + 1, A + 1)
     assert (out == 0).all()
     assert (safe_normalize(torch.zeros(3)) == 0).all()
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, *DTYPES])
+@pytest.mark.parametrize("channels", [(1, 1), (1, 3), (3, 1), (3, 3)])
+def test_without_gradients_the_same_bits_from_less_memory(
+    channels: tuple[int, int], dtype: torch.dtype
+) -> None:
+    torch.manual_seed(0)
+    normal = torch.nn.functional.normalize(torch.randn(2, 3, 4, 5), dim=1).to(dtype)
+    albedo = torch.rand(2, channels[0], 4, 5).to(dtype)
+    sun = DirectionalSource([[0.0, 0.6, 0.8], [0.6, 0.0, 0.8]], torch.rand(2, channels[1])).to(
+        dtype
+    )
+    given = [tensor.clone() for tensor in (normal, albedo, sun.direction, sun.irradiance)]
+    recorded = lambertian_shading(normal, albedo, [sun])
+    with torch.no_grad():
+        found = lambertian_shading(normal, albedo, [sun])
+    assert found.dtype == recorded.dtype
+    assert torch.equal(found, recorded)
+    for tensor, before in zip((normal, albedo, sun.direction, sun.irradiance), given, strict=True):
+        assert torch.equal(tensor, before)
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:DeprecationWarning")
+@torch.no_grad()
+def test_without_gradients_albedos_alone_may_be_mapped_over_or_have_tangents() -> None:
+    normal, albedo = torch.rand(1, 3, 2, 2), torch.rand(4, 1, 3, 2, 2)
+    sun = DirectionalSource([0.0, 0.6, 0.8], [3.0, 2.0, 1.0])
+
+    def shade(paint: torch.Tensor) -> torch.Tensor:
+        return lambertian_shading(normal, paint, [sun])
+
+    one_by_one = torch.stack([shade(paint) for paint in albedo])
+    assert torch.equal(torch.vmap(shade)(albedo), one_by_one)
+    value, tangent = torch.func.jvp(shade, (albedo[0],), (torch.ones_like(albedo[0]),))
+    assert torch.equal(value, one_by_one[0])
+    torch.testing.assert_close(tangent, image_irradiance(normal, [sun]) / math.pi)

@@ -18,6 +18,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, final
 
+import torch
 from torch import Tensor, nn
 
 from torchradiometry.errors import ShapeError
@@ -31,6 +32,7 @@ from torchradiometry.shade.layout import (
     visibility_to_points,
 )
 from torchradiometry.sources.base import AbstractSource, arriving_irradiance
+from torchradiometry.sources.directional import DirectionalSource
 
 if TYPE_CHECKING:
     from jaxtyping import Float
@@ -113,6 +115,9 @@ def lambertian_shading(
     check_image("albedo", albedo, None, normal)
     received = received_irradiance(normal, sources, position, visibility)
     check_channels("albedo", albedo, received)
+    if isinstance(sources[0], DirectionalSource) and not torch.is_grad_enabled():
+        received = _times(received, albedo)  # matrix products made `received`: nobody holds it
+        return narrow(received.mul_(1 / math.pi), albedo.dtype)
     return diffuse_radiance(albedo, received)
 
 
@@ -131,6 +136,21 @@ def diffuse_radiance(
     dtype = albedo.dtype
     albedo, received = single(albedo, received)
     return narrow((albedo * received).mul_(1 / math.pi), dtype)
+
+
+def _times(received: Tensor, albedo: Tensor) -> Tensor:
+    """albedo * received in the memory of `received`: fresh memory is dearer than the product.
+
+    Memory of its own where it does not fit: an albedo of more channels, `torch.func.vmap` over the
+    albedo alone.
+    """
+    (albedo,) = single(albedo)
+    if albedo.shape[1] > received.shape[1] or torch.compiler.is_compiling():
+        return albedo * received
+    try:
+        return received.mul_(albedo)
+    except RuntimeError:
+        return albedo * received
 
 
 def check_channels(where: str, image: Tensor, received: Tensor) -> None:
