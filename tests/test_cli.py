@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ from tests.demo.test_run import write_sphere_set
 from tests.demo.test_trainer import touch
 from tests.learn.test_benchmarks import write_object
 from torchradiometry.cli import main
+from torchradiometry.cli.interrupt import heard_interrupts
 from torchradiometry.deploy import find_model
 from torchradiometry.files import read_picture, write_picture
 from torchradiometry.scene.build import box, cornell_like_room
@@ -204,6 +208,37 @@ def test_an_interrupt_is_one_sentence(
     monkeypatch.setattr("torchradiometry.deploy.normals_file", interrupted)
     code, out, err = run(capsys, "normals", tmp_path, "--out", tmp_path / "n.npy")
     assert (code, out, err) == (130, "", "torchradiometry: interrupted.\n")
+
+
+def test_an_interrupt_that_an_import_swallows_is_heard_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    swallowing = "try:\n    {}\nexcept BaseException:\n    pass\n"
+    raised = "import signal; signal.raise_signal(signal.SIGINT)"
+    (tmp_path / "greedy.py").write_text(swallowing.format(raised))
+    monkeypatch.syspath_prepend(tmp_path)
+    before = signal.getsignal(signal.SIGINT)
+
+    def command() -> None:
+        importlib.import_module("greedy")
+        for _ in range(200):
+            time.sleep(0.05)
+
+    with pytest.raises(KeyboardInterrupt), heard_interrupts():
+        command()
+    assert signal.getsignal(signal.SIGINT) is before
+    with pytest.raises(KeyboardInterrupt), heard_interrupts():
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_ignored_interrupt_stays_ignored() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with heard_interrupts():
+            signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import typer
 from typer.core import TyperGroup
 
 import torchradiometry
+from torchradiometry.cli.interrupt import heard_interrupts
 from torchradiometry.cli.options import (
     Height,
     Json,
@@ -278,7 +279,8 @@ def _numbers(option: str, text: str) -> list[float]:
 def main() -> None:
     """Run the command line; a named error is one sentence and exit code 2."""
     try:
-        app(prog_name="torchradiometry")
+        with heard_interrupts():
+            app(prog_name="torchradiometry")
     except RadiometryError as error:
         typer.echo(f"torchradiometry: {error}", err=True)
         sys.exit(2)
