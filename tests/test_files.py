@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from torchradiometry import errors, files
+from torchradiometry.places import atomic_path, clear_half_files
 
 RADIANCE = np.random.default_rng(1).uniform(0, 20, (5, 7, 3)).astype(np.float32)
 
@@ -39,7 +40,7 @@ def test_srgb_curve_is_its_own_inverse_and_hits_known_values() -> None:
 
 def test_an_error_leaves_neither_the_file_nor_a_temporary(tmp_path: Path) -> None:
     def interrupted() -> None:
-        with files.atomic_path(tmp_path / "a.bin") as temporary:
+        with atomic_path(tmp_path / "a.bin") as temporary:
             temporary.write_bytes(b"half")
             raise KeyboardInterrupt
 
@@ -122,10 +123,10 @@ def test_what_a_killed_writer_left_is_cleared_and_nothing_else(tmp_path: Path) -
     kept = ["notes.txt", ".hidden", "a.tmp", ".short.tmp"]
     for name in kept:
         (tmp_path / name).touch()
-    with files.atomic_path(tmp_path / "model.onnx") as temporary:
+    with atomic_path(tmp_path / "model.onnx") as temporary:
         name = temporary.name
     (tmp_path / name).write_bytes(b"half")  # as if it had been killed inside the block
-    files.clear_half_files(tmp_path)
+    clear_half_files(tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*kept, "model.onnx"])
 
 

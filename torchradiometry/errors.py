@@ -28,6 +28,7 @@ __all__ = [
     "NotConvergedError",
     "NotConvergedWarning",
     "OutOfRangeError",
+    "OutputFileError",
     "RadiometryError",
     "ResourceLimitError",
     "ShapeError",
@@ -102,6 +103,10 @@ class ResourceLimitError(RadiometryError, MemoryError):
 
 class InputFileError(RadiometryError, OSError):
     """A file or folder is missing or cannot be read."""
+
+
+class OutputFileError(RadiometryError, OSError):
+    """The system lets no file be written: no permission, a full disk."""
 
 
 class FileFormatError(RadiometryError, ValueError):

@@ -1,9 +1,8 @@
 """Pictures and other files: the only place that reads and writes them.
 
-Writing is atomic: the bytes go to a temporary name in the same folder, which is renamed when
-they are complete, so that an interrupted command leaves no half file. Reading is bounded: a
-file of more than `MAX_BYTES` or a picture of more than `MAX_PIXELS` is refused before it is
-decoded. Arrays in memory are linear radiance; only `.png` is tone-mapped.
+Writing is atomic (`places`). Reading is bounded: a file of more than `MAX_BYTES` or a picture of
+more than `MAX_PIXELS` is refused before it is decoded. Arrays in memory are linear radiance; only
+`.png` is tone-mapped.
 
 | ending | holds |
 |---|---|
@@ -19,9 +18,6 @@ import json
 import math
 import os
 import struct
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torchradiometry.errors import (
-    DTypeError,
     FileFormatError,
     InputFileError,
     InvalidValueError,
@@ -37,6 +32,7 @@ from torchradiometry.errors import (
     ResourceLimitError,
     ShapeError,
 )
+from torchradiometry.places import as_path, atomic_path, check_place
 
 __all__ = [
     "MAX_BYTES",
@@ -44,10 +40,7 @@ __all__ = [
     "MAX_SETTINGS",
     "MAX_TEXT",
     "PICTURE_ENDINGS",
-    "atomic_path",
-    "check_folder_place",
     "check_readable",
-    "clear_half_files",
     "decode_picture",
     "linear_to_srgb",
     "opencv",
@@ -66,59 +59,6 @@ MAX_TEXT, MAX_SETTINGS = 2**24, 2**16
 #: as Python objects JSON grows about twentyfold
 MAX_JSON = 2**26
 PICTURE_ENDINGS = (".npy", ".exr", ".hdr", ".png")
-
-
-def as_path(path: str | Path) -> Path:
-    """The path; `DTypeError` if it is none."""
-    if not isinstance(path, str | os.PathLike):
-        raise DTypeError("path", f"{path!r}"[:60], "pass a name or a `Path`")
-    return Path(path)
-
-
-@contextmanager
-def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary name beside `path`, renamed to it when the block ends without an error.
-
-    The ending is kept, so libraries that look at it write the right format.
-    """
-    path = as_path(path)
-    if not path.parent.is_dir():
-        raise InputFileError(str(path), "a folder that does not exist", f"create {path.parent}")
-    if path.is_dir():
-        raise InputFileError(str(path), "a folder", "name a file")
-    handle, name = tempfile.mkstemp(prefix=".", suffix=".tmp" + path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def clear_half_files(folder: str | Path) -> None:
-    """Delete what `atomic_path` left in a folder when its process was killed outright."""
-    for path in Path(folder).glob(".????????.tmp*"):
-        path.unlink(missing_ok=True)
-
-
-def check_folder_place(folder: str | Path, what: str) -> Path:
-    """The path, if a folder is there or can be made there; otherwise a named error."""
-    folder = as_path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise InputFileError(str(folder), "a file", f"name a folder for the {what}")
-    if not folder.absolute().parent.is_dir():
-        raise InputFileError(
-            str(folder), "a folder that does not exist around it", f"create {folder.parent}"
-        )
-    return folder
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
 
 
 def check_readable(path: str | Path, what: str, most: int = MAX_BYTES) -> Path:
@@ -251,9 +191,17 @@ def write_counts(path: str | Path, counts: NDArray[np.unsignedinteger]) -> Path:
     """Write `H x W (x 3)` uint8 or uint16 RGB as it is to a `.png`, atomically."""
     path = Path(path)
     with atomic_path(path) as temporary:
-        if not opencv().imwrite(str(temporary), counts[..., ::-1] if counts.ndim == 3 else counts):
-            raise FileFormatError(str(path), "a picture OpenCV cannot write", "use .png")
+        temporary.write_bytes(_encoded(path, counts[..., ::-1] if counts.ndim == 3 else counts))
     return path
+
+
+def _encoded(path: Path, stored: NDArray) -> bytes:
+    """A picture in the format that the ending names; a full disk is not OpenCV's to tell."""
+    done, data = opencv().imencode(path.suffix, stored)
+    if not done:
+        mend = "make room for temporary files, or use .npy"
+        raise FileFormatError(str(path), "a picture OpenCV cannot write", mend)
+    return data.tobytes()
 
 
 def _read_npy(path: Path) -> NDArray[np.float32]:
@@ -305,10 +253,8 @@ def write_picture(
         InvalidValueError: NaN or infinite pixels.
         ShapeError: not `H x W x 3`.
     """
-    path, pixels = Path(path), np.asarray(radiance, dtype=np.float32)
+    path, pixels = check_place(path, PICTURE_ENDINGS), np.asarray(radiance, dtype=np.float32)
     ending = path.suffix.lower()
-    if ending not in PICTURE_ENDINGS:
-        raise FileFormatError(str(path), f"the ending {ending!r}", f"use {PICTURE_ENDINGS}")
     if pixels.ndim != 3 or pixels.shape[2] != 3:
         raise ShapeError("radiance", f"shape {pixels.shape}", "pass H x W x 3")
     if not np.isfinite(pixels).all():
@@ -320,15 +266,17 @@ def write_picture(
             _write_exr(temporary, pixels)
         else:
             stored = _tone_mapped(pixels, exposure) if ending == ".png" else pixels
-            if not opencv().imwrite(str(temporary), stored[..., ::-1]):
-                raise FileFormatError(str(path), "a picture OpenCV cannot write", "try .npy")
+            temporary.write_bytes(_encoded(path, stored[..., ::-1]))
     return path
 
 
 def _write_exr(path: Path, pixels: NDArray[np.float32]) -> None:
     openexr = _openexr()
     header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
-    openexr.File(header, {"RGB": np.ascontiguousarray(pixels)}).write(str(path))
+    try:
+        openexr.File(header, {"RGB": np.ascontiguousarray(pixels)}).write(str(path))
+    except RuntimeError as error:  # as it says that a disk is full
+        raise OSError(str(error)) from error
 
 
 def _tone_mapped(pixels: NDArray[np.float32], exposure: float | None) -> NDArray[np.uint8]:

@@ -40,7 +40,7 @@ from torchradiometry.deploy import (
     read_photographs,
     run_model,
 )
-from torchradiometry.files import atomic_path, read_counts
+from torchradiometry.files import read_counts
 from torchradiometry.learn import (
     PhotometricSamples,
     ShadingSamples,
@@ -58,6 +58,7 @@ from torchradiometry.learn import (
     robust_normals,
     surface_normals,
 )
+from torchradiometry.places import atomic_path
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 OBJECTS = ("ball", "bear", "cat", "pot1")

@@ -29,7 +29,7 @@ from tests.benchmarks.fresh_scenes import FRESH_SCENES
 from tests.benchmarks.further_scenes import FURTHER_SCENES
 from tests.benchmarks.mitsuba_scenes import coverage, mitsuba, mitsuba_scene, sensor, start
 from tests.benchmarks.shiny_scenes import SHINY_SCENES
-from torchradiometry.files import atomic_path
+from torchradiometry.places import atomic_path
 from torchradiometry.scene.scene import Scene
 from torchradiometry.scene.standard import STANDARD_SCENES
 

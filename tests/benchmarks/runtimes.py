@@ -30,7 +30,7 @@ from tests.contracts.test_graphs import axes, build
 from tests.runtimes import Python, Script
 from torchradiometry.deploy import find_model, open_model, run_model
 from torchradiometry.export import export_onnx
-from torchradiometry.files import atomic_path
+from torchradiometry.places import atomic_path
 
 FAMILIES = {
     "source": cases.SOURCES,

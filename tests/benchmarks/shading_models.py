@@ -24,7 +24,6 @@ from torch import Tensor
 from tests.benchmarks.photographs import DRAWS, OBJECTS
 from tests.conftest import DATA
 from torchradiometry.deploy import Photographs, read_photographs
-from torchradiometry.files import atomic_path
 from torchradiometry.learn import (
     PhotometricTraining,
     SurfaceOptions,
@@ -34,6 +33,7 @@ from torchradiometry.learn import (
     robust_normals,
     train,
 )
+from torchradiometry.places import atomic_path
 
 LOCAL = SurfaceOptions(shadows=False, indirect=False, area=False)
 MODELS = {

@@ -30,7 +30,7 @@ import torch
 
 from tests.benchmarks.references import SCENES, SIZE, Reference, load
 from torchradiometry import Planner, RenderSettings, render_scene
-from torchradiometry.files import atomic_path
+from torchradiometry.places import atomic_path
 from torchradiometry.plan import Costs
 from torchradiometry.render import Picture, View, develop, prepare, view_scene
 from torchradiometry.render.ambient import ambient_exchange

@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "torchradiometry"
 FLOORS = (
-    {"quantities", "numerics", "errors", "arguments", "files", "archives"},
+    {"quantities", "numerics", "errors", "arguments", "places", "files", "archives"},
     {"geometry", "deploy"},
     {"sources", "materials", "transport", "solve"},
     {"shade"},
@@ -27,7 +27,8 @@ WITHIN_BASE = {
     "errors": set(),
     "quantities": set(),
     "arguments": {"errors"},
-    "files": {"errors"},
+    "places": {"errors"},
+    "files": {"errors", "places"},
     "archives": {"errors", "files"},
 }
 #: an optional library and the only file that may import it

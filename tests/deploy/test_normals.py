@@ -100,7 +100,7 @@ def test_npy_is_exact_and_png_is_close(tmp_path: Path) -> None:
 
 def test_faults_of_writing(tmp_path: Path) -> None:
     normals, _ = ball(8)
-    with pytest.raises(FileFormatError, match=r"\.npy or \.png"):
+    with pytest.raises(FileFormatError, match=r"\.npy, \.png"):
         write_normals(tmp_path / "n.jpg", normals)
     with pytest.raises(InputFileError, match="does not exist"):
         write_normals(tmp_path / "absent" / "n.npy", normals)

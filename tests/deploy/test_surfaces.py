@@ -207,7 +207,7 @@ def test_other_endings_hold_the_normals(tmp_path: Path) -> None:
     normal = (normal * mask[..., None]).astype(np.float32)
     surface = SurfaceEstimate(normal, integrate_normals(normal, mask).astype(np.float32), mask)
     np.testing.assert_array_equal(np.load(write_surface(tmp_path / "n.npy", surface)), normal)
-    with pytest.raises(FileFormatError, match=r"\.npz, \.npy or \.png"):
+    with pytest.raises(FileFormatError, match=r"\.npz, \.npy, \.png"):
         write_surface(tmp_path / "n.mat", surface)
     with pytest.raises(InputFileError, match="does not exist"):
         write_surface(tmp_path / "absent" / "n.npz", surface)

@@ -277,12 +277,16 @@ def _numbers(option: str, text: str) -> list[float]:
 
 
 def main() -> None:
-    """Run the command line; a named error is one sentence and exit code 2."""
+    """Run the command line; an error, named or of the system, is one sentence and exit code 2."""
     try:
         with heard_interrupts():
             app(prog_name="torchradiometry")
     except RadiometryError as error:
         typer.echo(f"torchradiometry: {error}", err=True)
+        sys.exit(2)
+    except OSError as error:  # what no room has named, such as a folder that may not be read
+        where = f"{error.filename}: " if error.filename else ""
+        typer.echo(f"torchradiometry: {where}{error.strerror or error}.", err=True)
         sys.exit(2)
 
 

@@ -21,7 +21,7 @@ from torchradiometry.deploy.normals import find_model
 from torchradiometry.deploy.photographs import find_photograph_sets
 from torchradiometry.deploy.runtime import open_model
 from torchradiometry.errors import FileFormatError
-from torchradiometry.files import MAX_TEXT, atomic_path, check_readable
+from torchradiometry.files import MAX_TEXT, check_readable
 from torchradiometry.learn.benchmarks import (
     SingleEvaluation,
     evaluate_singles,
@@ -30,6 +30,7 @@ from torchradiometry.learn.benchmarks import (
     photometric_benchmark,
 )
 from torchradiometry.learn.evaluation import Evaluation
+from torchradiometry.places import atomic_path, check_place
 
 __all__ = ["Benchmark", "run_benchmark"]
 
@@ -76,6 +77,8 @@ def run_benchmark(
         InputFileError: a missing file or folder.
         FileFormatError: a file that does not hold what it should.
     """
+    if table is not None:
+        check_place(table, (".csv",))
     model = find_model(kind) if model is None else Path(model)
     open_model(model)  # a file that is no model fails before any work
     if kind == "photometric":

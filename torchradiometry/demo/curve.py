@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchradiometry.errors import MissingDependencyError
-from torchradiometry.files import atomic_path, linear_to_srgb
+from torchradiometry.files import linear_to_srgb
+from torchradiometry.places import atomic_path, writing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +83,8 @@ def write_panels(
             axes.set_axis_off()
             if r == 0:
                 axes.set_title(columns[c], fontsize=7.5, pad=3)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=dots, pil_kwargs={"optimize": True})
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
-from torchradiometry.files import check_folder_place
+from torchradiometry.places import check_folder_place, writing
 
 __all__ = ["Figure", "Section", "Table", "staged_folder", "write_page"]
 
@@ -66,12 +66,14 @@ def staged_folder(target: Path) -> Iterator[Path]:
     Files of `target` that the new page does not replace stay where they are.
     """
     check_folder_place(target, "page")
-    stage = Path(tempfile.mkdtemp(prefix=".", suffix=".tmp", dir=target.absolute().parent))
+    with writing(target):
+        stage = Path(tempfile.mkdtemp(prefix=".", suffix=".tmp", dir=target.absolute().parent))
     try:
         yield stage
-        target.mkdir(exist_ok=True)
-        for file in sorted(stage.iterdir()):
-            file.replace(target / file.name)
+        with writing(target):
+            target.mkdir(exist_ok=True)
+            for file in sorted(stage.iterdir()):
+                file.replace(target / file.name)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
 
@@ -80,13 +82,14 @@ def write_page(folder: Path, title: str, lead: str, sections: Sequence[Section])
     """Write `index.html` into `folder`, which already holds the pictures."""
     body = "\n".join(_section(section) for section in sections)
     page = folder / "index.html"
-    page.write_text(
+    text = (
         f'<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n"
-        f"<h1>{escape(title)}</h1>\n<p>{escape(lead)}</p>\n{body}\n</html>\n",
-        encoding="utf-8",
+        f"<h1>{escape(title)}</h1>\n<p>{escape(lead)}</p>\n{body}\n</html>\n"
     )
+    with writing(page):
+        page.write_text(text, encoding="utf-8")
     return page
 
 

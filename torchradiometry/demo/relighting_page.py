@@ -27,7 +27,8 @@ from torchradiometry.demo.sample_pictures import sample_photograph, sample_set
 from torchradiometry.deploy.normals import find_model
 from torchradiometry.errors import FileFormatError, InputFileError
 from torchradiometry.export.catalogue import export_file
-from torchradiometry.files import check_folder_place, check_readable, read_json
+from torchradiometry.files import check_readable, read_json
+from torchradiometry.places import check_folder_place, writing
 
 __all__ = ["RELIGHTING_LAYER", "browser_page"]
 
@@ -82,7 +83,7 @@ def browser_page(out: str | Path, *, runtime: str | Path | None = None) -> dict[
     began = time.perf_counter()
     out = check_folder_place(out, "page")
     library = _library(runtime)
-    with staged_folder(out) as stage:
+    with staged_folder(out) as stage, writing(out):
         for file in sorted(SOURCES.iterdir()):
             (stage / file.name).write_bytes(file.read_bytes())
         (stage / "onnxruntime.js").write_bytes(_part(library, SCRIPT))

@@ -30,7 +30,6 @@ from torchradiometry.demo.progress import progress_bar
 from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
 from torchradiometry.export.onnx_file import export_onnx, input_names
 from torchradiometry.export.parity import OnnxCheck, check_onnx
-from torchradiometry.files import atomic_path, check_folder_place, clear_half_files
 from torchradiometry.learn.networks import PhotometricNetwork
 from torchradiometry.learn.samples.data import generator_for
 from torchradiometry.learn.samples.single_images import photograph_shapes
@@ -42,6 +41,12 @@ from torchradiometry.learn.training.settings_file import (
     read_training,
     training_table,
     write_training,
+)
+from torchradiometry.places import (
+    atomic_path,
+    check_folder_place,
+    clear_half_files,
+    make_folder,
 )
 
 __all__ = ["dataset_folder", "export_network", "torch_threads", "train_folder"]
@@ -220,7 +225,7 @@ def _prepare(out: Path, training: Training, resume: bool) -> None:
         raise InputFileError(
             str(out), "a training that is there already", "pass --resume or another --out"
         )
-    out.mkdir(exist_ok=True)
+    make_folder(out, "training")
     clear_half_files(out)
     if not (out / CHECKPOINT).exists():
         if resume:

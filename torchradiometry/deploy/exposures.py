@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from torchradiometry.deploy.exposure_times import recorded_exposures
 from torchradiometry.errors import (
     DTypeError,
-    FileFormatError,
     InputFileError,
     OutOfRangeError,
     ResourceLimitError,
     ShapeError,
 )
 from torchradiometry.files import MAX_BYTES, opencv, read_counts, srgb_to_linear, write_picture
+from torchradiometry.places import check_place
 
 __all__ = [
     "Merged",
@@ -179,7 +179,7 @@ def calibrate_files(
     """
     began = time.perf_counter()
     out = Path(out)
-    _check_out(out)
+    check_place(out, (".npy", ".exr", ".hdr"))
     per_unit = _light(light)
     files = _files(sources)
     steps: list[str] = []
@@ -255,14 +255,6 @@ def _check_stack(photographs: Sequence[NDArray], times: Sequence[float]) -> None
                 f"{each.dtype} of shape {each.shape} beside {first.dtype} of {first.shape}",
                 "pass exposures of one size and type",
             )
-
-
-def _check_out(out: Path) -> None:
-    """Raise at once, before any work, if linear radiance cannot be written there."""
-    if out.suffix.lower() not in (".npy", ".exr", ".hdr"):
-        raise FileFormatError(str(out), f"the ending {out.suffix!r}", "use .npy, .exr or .hdr")
-    if not out.parent.is_dir():
-        raise InputFileError(str(out), "a folder that does not exist", f"create {out.parent}")
 
 
 def _light(light: Sequence[float] | None) -> NDArray[np.float32]:

@@ -26,7 +26,8 @@ from torchradiometry.deploy.photographs import (
 )
 from torchradiometry.deploy.runtime import Model, open_model, run_model
 from torchradiometry.errors import FileFormatError, InputFileError, InvalidValueError, ShapeError
-from torchradiometry.files import atomic_path, write_counts
+from torchradiometry.files import write_counts
+from torchradiometry.places import atomic_path, check_place
 
 __all__ = [
     "angular_error",
@@ -109,12 +110,12 @@ def write_normals(path: str | Path, normals: NDArray[np.floating]) -> Path:
         InvalidValueError: NaN or infinite numbers.
         ShapeError: not `H x W x 3`.
     """
-    path, normals = Path(path), np.asarray(normals, dtype=np.float32)
+    path = check_place(path, (".npy", ".png"))
+    normals = np.asarray(normals, dtype=np.float32)
     if normals.ndim != 3 or normals.shape[2] != 3:
         raise ShapeError("normals", f"shape {normals.shape}", "pass H x W x 3")
     if not np.isfinite(normals).all():
         raise InvalidValueError("normals", "NaN or infinite numbers", "write finite normals")
-    check_normals_path(path)
     if path.suffix.lower() == ".npy":
         with atomic_path(path) as temporary:
             np.save(temporary, normals, allow_pickle=False)
@@ -123,15 +124,6 @@ def write_normals(path: str | Path, normals: NDArray[np.floating]) -> Path:
     return write_counts(
         path, np.where(inside, np.round((normals + 1) * 32767.5), 0).astype(np.uint16)
     )
-
-
-def check_normals_path(path: str | Path) -> None:
-    """Raise at once, before any work, if normals cannot be written there."""
-    path = Path(path)
-    if path.suffix.lower() not in (".npy", ".png"):
-        raise FileFormatError(str(path), f"the ending {path.suffix!r}", "use .npy or .png")
-    if not path.parent.is_dir():
-        raise InputFileError(str(path), "a folder that does not exist", f"create {path.parent}")
 
 
 def _opened(model: str | Path | None, name: str, wanted: set[str]) -> Model:

@@ -29,7 +29,6 @@ from torchradiometry.deploy.heights import integrate_normals
 from torchradiometry.deploy.light import fit_light, shine
 from torchradiometry.deploy.normals import (
     angular_error,
-    check_normals_path,
     estimate_both,
     estimate_normals,
     write_normals,
@@ -41,11 +40,12 @@ from torchradiometry.deploy.photographs import (
     read_photograph,
     read_photographs,
 )
-from torchradiometry.errors import FileFormatError, InputFileError
-from torchradiometry.files import atomic_path
+from torchradiometry.errors import InputFileError
+from torchradiometry.places import atomic_path, check_place
 
 __all__ = ["SurfaceEstimate", "estimate_surface", "normals_file", "write_surface"]
 
+ENDINGS = (".npz", ".npy", ".png")
 #: what evenness of light is worth beside normals and albedo of a network: best on synthetic
 #: photographs, where 0.001 and 0.03 are nearly as good
 GUESSED = 0.01
@@ -113,8 +113,7 @@ def write_surface(path: str | Path, surface: SurfaceEstimate) -> Path:
         FileFormatError: another ending.
         InputFileError: the folder does not exist.
     """
-    path = Path(path)
-    _check_path(path)
+    path = check_place(path, ENDINGS)
     if path.suffix.lower() != ".npz":
         return write_normals(path, surface.normal)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -148,7 +147,7 @@ def normals_file(
         InputFileError: a missing file, folder or mask.
     """
     out = Path(out)
-    _check_path(out)
+    check_place(out, ENDINGS)
     began = time.perf_counter()
     photographs = _read(Path(source), mask, linear)
     found: dict[str, object] = {}
@@ -188,11 +187,3 @@ def _read(source: Path, mask: str | Path | None, linear: bool) -> Photographs | 
     if mask is None:
         raise InputFileError(str(source), "no mask", "pass --mask, white on the object")
     return read_photograph(source, mask, linear=linear)
-
-
-def _check_path(path: Path) -> None:
-    """Raise at once, before any work, if nothing can be written there."""
-    if path.suffix.lower() not in (".npz", ".npy", ".png"):
-        got = f"the ending {path.suffix!r}"
-        raise FileFormatError(str(path), got, "use .npz, .npy or .png")
-    check_normals_path(path.with_suffix(".npy"))

@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from torchradiometry.errors import FileFormatError, NotConvergedError, OutOfRangeError
+from torchradiometry.errors import NotConvergedError, OutOfRangeError
 from torchradiometry.export.onnx_file import export_onnx
 from torchradiometry.export.parity import check_onnx
 from torchradiometry.export.sources_as_inputs import SourcesAsInputs
 from torchradiometry.export.vocabulary import InputNote, note_for
-from torchradiometry.files import atomic_path
 from torchradiometry.geometry.depth import depth_to_normals
 from torchradiometry.materials.blinn_phong import BlinnPhong
 from torchradiometry.materials.phong import NormalizedPhong, OriginalPhong, Phong
+from torchradiometry.places import atomic_path, check_place
 from torchradiometry.shade.ambient import AmbientShading
 from torchradiometry.shade.interreflection import InterreflectionShading
 from torchradiometry.shade.lambertian import LambertianShading
@@ -230,9 +230,7 @@ def export_file(name: str, path: str | Path) -> dict[str, object]:
         InputFileError: the folder of `path` does not exist.
         NotConvergedError: onnxruntime computes something else.
     """
-    ending = Path(path).suffix
-    if ending.lower() != ".onnx":
-        raise FileFormatError(str(path), f"the ending {ending!r}", "name a .onnx file")
+    check_place(path, (".onnx",))
     with atomic_path(path) as temporary:
         export_layer(name, temporary)
         check = check_onnx(temporary, LAYERS[name]().module)

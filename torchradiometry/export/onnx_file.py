@@ -42,7 +42,7 @@ from torchradiometry.errors import (
     ShapeError,
 )
 from torchradiometry.export.vocabulary import InputNote, note_for
-from torchradiometry.files import atomic_path
+from torchradiometry.places import atomic_path
 
 __all__ = ["OPSET", "export_onnx"]
 

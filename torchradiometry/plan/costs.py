@@ -21,7 +21,8 @@ from pathlib import Path
 import torch
 
 from torchradiometry.errors import FileFormatError
-from torchradiometry.files import atomic_path, read_json
+from torchradiometry.files import read_json
+from torchradiometry.places import atomic_path, writing
 from torchradiometry.plan.pilot import Pilot
 from torchradiometry.render.ambient import POINTS as SAMPLE
 from torchradiometry.render.ambient import RAYS
@@ -113,7 +114,8 @@ class Costs:
 
     def save(self, path: str | Path) -> None:
         """Write them to a JSON file."""
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with writing(path):
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps({"prices": self.prices}, indent=1))
 

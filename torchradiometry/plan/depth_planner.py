@@ -28,9 +28,10 @@ from torchradiometry.errors import (
     OutOfRangeError,
     ShapeError,
 )
-from torchradiometry.files import atomic_path, read_json
+from torchradiometry.files import read_json
 from torchradiometry.materials.lobes import AbstractLobe
 from torchradiometry.materials.phong import Phong
+from torchradiometry.places import atomic_path
 from torchradiometry.plan.depth_pilot import DepthLevel, DepthMaps, depth_levels
 from torchradiometry.shade.depth_map import DepthSettings, ShadeDepth
 from torchradiometry.shade.layout import chosen_sources

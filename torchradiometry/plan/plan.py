@@ -19,8 +19,9 @@ from torchradiometry.errors import (
     IndexRangeError,
     OutOfRangeError,
 )
-from torchradiometry.files import atomic_path, read_json
+from torchradiometry.files import read_json
 from torchradiometry.geometry.cameras import AbstractCamera
+from torchradiometry.places import atomic_path
 from torchradiometry.plan.shader import PlannedShader
 from torchradiometry.render.settings import RenderSettings
 from torchradiometry.scene.scene import Scene

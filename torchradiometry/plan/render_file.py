@@ -10,8 +10,9 @@ from typing import Any
 
 import torch
 
-from torchradiometry.errors import FileFormatError, InputFileError, OutOfRangeError
+from torchradiometry.errors import InputFileError, OutOfRangeError
 from torchradiometry.files import PICTURE_ENDINGS, write_picture
+from torchradiometry.places import check_place
 from torchradiometry.plan.plan import Plan
 from torchradiometry.plan.planner import Planner
 from torchradiometry.render.picture import render_scene
@@ -68,7 +69,7 @@ def plan_file(
         out: a `.json` file to keep the plan in.
     """
     if out is not None:
-        _check_out(Path(out), (".json",))
+        check_place(out, (".json",))
     _check_size(width, height)
     planner = Planner(tolerance, seconds=seconds)
     made, _ = open_scene(scene, width, height)
@@ -111,7 +112,7 @@ def render_file(
         RadiometryError: the first grave fault of an invalid scene.
     """
     begin = time.perf_counter()
-    _check_out(Path(out), PICTURE_ENDINGS)
+    check_place(out, PICTURE_ENDINGS)
     _check_size(width, height)
     planner = Planner(tolerance)
     made, warnings = open_scene(scene, width, height)
@@ -134,14 +135,6 @@ def render_file(
         "operator": indirect.exchange.reason if indirect else "none: no interreflection",
         "warnings": list(warnings),
     }
-
-
-def _check_out(out: Path, endings: tuple[str, ...]) -> None:
-    """Find out what would fail at the end before anything is computed."""
-    if out.suffix.lower() not in endings:
-        raise FileFormatError(str(out), f"the ending {out.suffix!r}", f"use {', '.join(endings)}")
-    if not out.parent.is_dir():
-        raise InputFileError(str(out), "a folder that does not exist", f"create {out.parent}")
 
 
 def _check_size(width: int, height: int) -> None:

@@ -24,8 +24,8 @@ import torch
 from torch import Tensor
 
 from torchradiometry.errors import EmptySceneError, OutOfRangeError, ShapeError, require_kind
-from torchradiometry.files import atomic_path
 from torchradiometry.geometry.cameras import AbstractCamera
+from torchradiometry.places import atomic_path
 from torchradiometry.plan.ladder import Rung, ladder
 from torchradiometry.plan.memory import peak_memory, reset_peak_memory, resident_memory
 from torchradiometry.plan.tradeoff_plot import draw_tradeoff

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from torchradiometry.errors import InputFileError
+from torchradiometry.places import make_folder
 from torchradiometry.plan.ladder import Rung
 from torchradiometry.plan.planner import Planner
 from torchradiometry.plan.render_file import open_scene
@@ -52,18 +52,13 @@ def tradeoff_file(
     """
     began, folder = time.perf_counter(), Path(out)
     require_matplotlib()
-    if folder.exists() and not folder.is_dir():
-        raise InputFileError(str(folder), "a file", "name a folder")
-    if not folder.parent.is_dir():
-        mend = f"create {folder.parent}"
-        raise InputFileError(str(folder), "a place in a folder that does not exist", mend)
     made, warnings = open_scene(scene, width, height)
+    make_folder(folder, "measurements")
     plans = [
         Rung(f"plan {100 * t:g} %", Planner(t).plan(made, made.cameras[0]).settings)
         for t in TOLERANCES
     ]
     found = tradeoff(made, repeats=repeats, choices=plans, progress=progress)
-    folder.mkdir(exist_ok=True)
     found.save_csv(folder / "tradeoff.csv")
     found.save_json(folder / "tradeoff.json")
     for ending in ("pdf", "png"):

@@ -13,8 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torchradiometry.errors import FileFormatError, MissingDependencyError
-from torchradiometry.files import atomic_path
+from torchradiometry.errors import MissingDependencyError
+from torchradiometry.places import atomic_path, check_place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,9 +66,7 @@ def draw_tradeoff(path: str | Path, rows: Sequence[Row]) -> Path:
         FileFormatError: another ending.
         MissingDependencyError: matplotlib is not installed.
     """
-    path = Path(path)
-    if path.suffix.lower() not in ENDINGS:
-        raise FileFormatError(str(path), f"the ending {path.suffix!r}", f"use {ENDINGS}")
+    path = check_place(path, ENDINGS)
     require_matplotlib()
     from matplotlib.figure import Figure
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from torchradiometry.errors import FileFormatError
-from torchradiometry.files import atomic_path
 from torchradiometry.geometry.cameras import AbstractCamera, OrthographicCamera, PinholeCamera
 from torchradiometry.numerics import safe_normalize
+from torchradiometry.places import atomic_path, check_place
 from torchradiometry.scene.gltf_materials import GLOSS, glossiness_of
 from torchradiometry.scene.scene import Scene
 from torchradiometry.scene.surface import Surface
@@ -47,9 +47,7 @@ def save_scene(scene: Scene, path: str | Path) -> Path:
             source other than point, spot and directional, colours of other than 1 or 3 channels.
         InputFileError: the folder does not exist.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".glb":
-        raise FileFormatError(str(path), f"the ending {path.suffix!r}", "use .glb")
+    path = check_place(path, (".glb",))
     writer = _Writer()
     for surface in scene.surfaces:
         writer.add_surface(surface)

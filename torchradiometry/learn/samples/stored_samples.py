@@ -26,18 +26,19 @@ from torchradiometry.errors import (
     IndexRangeError,
     InputFileError,
 )
-from torchradiometry.files import (
-    atomic_path,
-    check_folder_place,
-    clear_half_files,
-    read_json,
-)
+from torchradiometry.files import read_json
 from torchradiometry.learn.samples.data import Advance
 from torchradiometry.learn.samples.images import Observations
 from torchradiometry.learn.samples.single_images import SingleImages
 from torchradiometry.learn.training.settings import Training
 from torchradiometry.learn.training.settings_file import training_from_table, training_table
 from torchradiometry.learn.training.steps import Batch
+from torchradiometry.places import (
+    atomic_path,
+    check_folder_place,
+    clear_half_files,
+    make_folder,
+)
 
 __all__ = ["StoredSamples", "write_samples"]
 
@@ -134,7 +135,7 @@ def _prepared(folder: Path, training: Training) -> Training:
                 str(folder), "the data set of other settings", "name another folder"
             )
         training = replace(training, steps=max(held.steps, training.steps))
-    folder.mkdir(exist_ok=True)
+    make_folder(folder, "data set")
     clear_half_files(folder)
     manifest = {"layout": LAYOUT, "training": training_table(training)}
     with atomic_path(folder / "manifest.json") as temporary:

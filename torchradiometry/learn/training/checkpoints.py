@@ -1,6 +1,6 @@
 """Checkpoints: the whole state of a training between two steps, in one file.
 
-A checkpoint replaces its predecessor in one step (`files.atomic_path`), so a process that is
+A checkpoint replaces its predecessor in one step (`places.atomic_path`), so a process that is
 killed at any moment leaves the old one or the new one, whole. It is read without pickle's
 freedom to run code or to make anything but tensors, after its parts are unpacked within a bound,
 and it is refused where it belongs to a training with other settings.
@@ -19,9 +19,9 @@ from torch import nn
 
 from torchradiometry.archives import read_parts
 from torchradiometry.errors import FileFormatError, InputFileError, ResourceLimitError
-from torchradiometry.files import atomic_path
 from torchradiometry.learn.training.settings import Training
 from torchradiometry.learn.training.settings_file import training_table
+from torchradiometry.places import atomic_path
 
 __all__ = ["Curve", "load_checkpoint", "restore_checkpoint", "save_checkpoint"]
 
@@ -62,8 +62,10 @@ def save_checkpoint(
         "optimizer": optimizer.state_dict(),
         "curve": curve,
     }
+    held = io.BytesIO()  # a full disk is the system's to tell, not the archive's
+    torch.save(state, held)
     with atomic_path(path) as temporary:
-        torch.save(state, temporary)
+        temporary.write_bytes(held.getbuffer())
 
 
 def restore_checkpoint(

@@ -24,8 +24,9 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from torchradiometry.errors import FileFormatError, MissingDependencyError
-from torchradiometry.files import MAX_SETTINGS, atomic_path, check_readable
+from torchradiometry.files import MAX_SETTINGS, check_readable
 from torchradiometry.learn.training.settings import KINDS, Training, kind_of
+from torchradiometry.places import atomic_path
 
 __all__ = ["read_training", "training_from_table", "training_table", "write_training"]
 
