@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -210,6 +211,15 @@ def test_an_interrupt_is_one_sentence(
     assert (code, out, err) == (130, "", "torchradiometry: interrupted.\n")
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C as in a terminal: a shell's background job ignores it, and so would its tests."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_that_an_import_swallows_is_heard_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -217,7 +227,6 @@ def test_an_interrupt_that_an_import_swallows_is_heard_after_it(
     raised = "import signal; signal.raise_signal(signal.SIGINT)"
     (tmp_path / "greedy.py").write_text(swallowing.format(raised))
     monkeypatch.syspath_prepend(tmp_path)
-    before = signal.getsignal(signal.SIGINT)
 
     def command() -> None:
         importlib.import_module("greedy")
@@ -226,7 +235,7 @@ def test_an_interrupt_that_an_import_swallows_is_heard_after_it(
 
     with pytest.raises(KeyboardInterrupt), heard_interrupts():
         command()
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     with pytest.raises(KeyboardInterrupt), heard_interrupts():
         signal.raise_signal(signal.SIGINT)
 
