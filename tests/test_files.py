@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from pathlib import Path
@@ -82,6 +83,34 @@ def test_damaged_files_are_named(tmp_path: Path, ending: str, content: bytes | N
     path.write_bytes(content)
     with pytest.raises(errors.FileFormatError, match=path.name):
         files.read_picture(path)
+
+
+@pytest.mark.parametrize("ending", [*files.PICTURE_ENDINGS, ".jpg", ".tiff", ".bmp", ".webp"])
+@pytest.mark.parametrize("kept", [0.25, 0.5, 0.9, "all but the last byte"])
+def test_a_file_that_was_cut_off_is_never_read_as_whole(
+    tmp_path: Path, ending: str, kept: float | str
+) -> None:
+    """Such as a photograph of a full card: half of a JPEG used to be grey, without a word."""
+    counts = np.random.default_rng(2).integers(0, 256, (40, 50, 3), np.uint8)
+    path = tmp_path / f"a{ending}"
+    if ending in files.PICTURE_ENDINGS:
+        files.write_picture(path, counts.astype(np.float32))
+    else:
+        path.write_bytes(files.opencv().imencode(ending, counts)[1].tobytes())
+    data = path.read_bytes()
+    assert files.read_picture(path).shape == counts.shape
+    path.write_bytes(data[:-1] if isinstance(kept, str) else data[: int(kept * len(data))])
+    with pytest.raises(errors.FileFormatError, match=path.name):
+        files.read_picture(path)
+
+
+def test_a_file_that_may_not_be_read_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files.write_picture(tmp_path / "a.npy", RADIANCE)
+    monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.R_OK)
+    with pytest.raises(errors.InputFileError, match="no permission to read it"):
+        files.read_picture(tmp_path / "a.npy")
 
 
 def test_a_pickle_is_never_loaded(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ more than `MAX_PIXELS` is refused before it is decoded. Arrays in memory are lin
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
@@ -68,6 +69,8 @@ def check_readable(path: str | Path, what: str, most: int = MAX_BYTES) -> Path:
         raise InputFileError(str(path), "a folder", f"name the {what} itself")
     if not path.is_file():
         raise InputFileError(str(path), "no such file", f"name an existing {what}")
+    if not os.access(path, os.R_OK):
+        raise InputFileError(str(path), "no permission to read it", "allow it, or name another")
     size = path.stat().st_size
     if size > most:
         raise ResourceLimitError(
@@ -122,19 +125,26 @@ def decode_picture(data: bytes, where: str) -> NDArray[np.float32]:
         FileFormatError: neither PNG nor JPEG, or damaged.
         ResourceLimitError: more than `MAX_PIXELS`, as its header says.
     """
-    size = _stored_size(data)
-    if size is None:
+    if _stored_size(data) is None:
         raise FileFormatError(where, "a picture that is neither PNG nor JPEG", "convert it to PNG")
-    _check_pixels(where, size[0] * size[1])
+    return _scaled(_decoded(data, where))
+
+
+def _decoded(data: bytes, where: str) -> NDArray:
+    """What OpenCV reads in the bytes of a picture. From a name it would read half a JPEG as whole,
+    and no name that is not Unicode."""
+    size = _stored_size(data)
+    if size is not None:  # OpenCV's own bound holds only where it was loaded here
+        _check_pixels(where, size[0] * size[1])
+    cv2, stored = opencv(), np.frombuffer(data, np.uint8)
     try:
-        pixels = opencv().imdecode(np.frombuffer(data, np.uint8), opencv().IMREAD_UNCHANGED)
-    except MissingDependencyError:
-        raise
+        pixels = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if data else None
     except Exception as error:
-        raise FileFormatError(where, f"unreadable data ({error})", "replace the picture") from error
+        reason = str(error).partition("\n")[0]
+        raise FileFormatError(where, f"unreadable data ({reason})", "pass a picture") from error
     if pixels is None:
-        raise FileFormatError(where, "a damaged picture", "replace the picture")
-    return _scaled(_rgb(pixels))
+        raise FileFormatError(where, "no whole picture that can be decoded", "pass a picture file")
+    return _rgb(pixels)
 
 
 def _stored_size(data: bytes) -> tuple[int, int] | None:
@@ -172,19 +182,8 @@ def read_counts(path: str | Path) -> NDArray:
     path = check_readable(path, "picture")
     if path.suffix.lower() == ".npy":
         return _read_npy(path)
-    try:
-        if path.suffix.lower() == ".exr":
-            return _read_exr(path)
-        with path.open("rb") as file:  # OpenCV's own bound holds only where it was loaded here
-            _check_pixels(path, math.prod(_stored_size(file.read(2**20)) or ()))
-        pixels = opencv().imread(str(path), opencv().IMREAD_UNCHANGED)
-    except (MissingDependencyError, ResourceLimitError):
-        raise
-    except Exception as error:
-        raise FileFormatError(str(path), f"unreadable data ({error})", "pass a picture") from error
-    if pixels is None:
-        raise FileFormatError(str(path), "no picture that can be decoded", "pass a picture file")
-    return _rgb(pixels)
+    data = path.read_bytes()
+    return (_read_exr if path.suffix.lower() == ".exr" else _decoded)(data, str(path))
 
 
 def write_counts(path: str | Path, counts: NDArray[np.unsignedinteger]) -> Path:
@@ -225,16 +224,21 @@ def _check_pixels(path: str | Path, pixels: int) -> None:
         )
 
 
-def _read_exr(path: Path) -> NDArray[np.float32]:
+def _read_exr(data: bytes, where: str) -> NDArray[np.float32]:
     openexr = _openexr()
     pixels = 0  # of all parts and channels, which are all decoded
-    for part in openexr.File(str(path), header_only=True).parts:
-        low, high = (np.asarray(corner).tolist() for corner in part.header["dataWindow"])
-        size = math.prod(b - a + 1 for a, b in zip(low, high, strict=True))
-        pixels += size * -(-len(part.header["channels"]) // 4)
-    _check_pixels(path, pixels)
-    channels = openexr.File(str(path), separate_channels=False).channels()
-    return np.asarray((channels.get("RGB") or channels.get("RGBA")).pixels)[..., :3]
+    try:
+        for part in openexr.File(io.BytesIO(data), header_only=True).parts:
+            low, high = (np.asarray(corner).tolist() for corner in part.header["dataWindow"])
+            size = math.prod(b - a + 1 for a, b in zip(low, high, strict=True))
+            pixels += size * -(-len(part.header["channels"]) // 4)
+        _check_pixels(where, pixels)
+        channels = openexr.File(io.BytesIO(data), separate_channels=False).channels()
+        return np.asarray((channels.get("RGB") or channels.get("RGBA")).pixels)[..., :3]
+    except ResourceLimitError:
+        raise
+    except Exception as error:
+        raise FileFormatError(where, f"unreadable data ({error})", "pass a picture") from error
 
 
 def write_picture(
@@ -263,20 +267,19 @@ def write_picture(
         if ending == ".npy":
             np.save(temporary, pixels, allow_pickle=False)
         elif ending == ".exr":
-            _write_exr(temporary, pixels)
+            temporary.write_bytes(_exr(pixels))
         else:
             stored = _tone_mapped(pixels, exposure) if ending == ".png" else pixels
             temporary.write_bytes(_encoded(path, stored[..., ::-1]))
     return path
 
 
-def _write_exr(path: Path, pixels: NDArray[np.float32]) -> None:
-    openexr = _openexr()
+def _exr(pixels: NDArray[np.float32]) -> bytes:
+    """An OpenEXR file in memory: by itself it writes no name that is not Unicode."""
+    openexr, held = _openexr(), io.BytesIO()
     header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
-    try:
-        openexr.File(header, {"RGB": np.ascontiguousarray(pixels)}).write(str(path))
-    except RuntimeError as error:  # as it says that a disk is full
-        raise OSError(str(error)) from error
+    openexr.File(header, {"RGB": np.ascontiguousarray(pixels)}).write(held)
+    return held.getvalue()
 
 
 def _tone_mapped(pixels: NDArray[np.float32], exposure: float | None) -> NDArray[np.uint8]:

@@ -42,3 +42,10 @@ def test_no_colour_where_none_is_wanted(
     with progress_bar(("Rungs", 2)) as (advance,):
         advance(2, "")
     assert "\x1b[3" not in capfd.readouterr().err
+
+
+def test_a_note_is_shown_as_it_is(capfd: pytest.CaptureFixture[str]) -> None:
+    """It may be the name of a folder, which is no markup."""
+    with progress_bar(("Objects", 1)) as (advance,):
+        advance(1, "[/b][red]ball")
+    assert "[/b][red]ball" in capfd.readouterr().err

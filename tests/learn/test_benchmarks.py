@@ -116,7 +116,7 @@ def test_tables_hold_means_published_rows_and_every_figure(tmp_path: Path) -> No
     sets.mkdir()
     write_sphere_set(sets / "ball", lights=6)
     write_sphere_set(sets / "cat", lights=6)
-    rows = "method,ball,pot1,cat,avg\nworse,3,9,5,9\nbetter,1,9,2,9\nholes,1,2,,9\n"
+    rows = "method,ball,pot1,cat,avg\nworse [/b],3,9,5,9\nbetter,1,9,2,9\nholes,1,2,,9\n"
     (tmp_path / "published.csv").write_text(rows)
     found = run_benchmark(
         "photometric",
@@ -126,8 +126,8 @@ def test_tables_hold_means_published_rows_and_every_figure(tmp_path: Path) -> No
         table=tmp_path / "t.csv",
         published=tmp_path / "published.csv",
     )
-    assert list(found.report["published"]) == ["better", "worse"]
-    assert found.report["published"]["worse"] == {"ball": 3, "cat": 5, "mean": 4}
+    assert list(found.report["published"]) == ["better", "worse [/b]"]
+    assert found.report["published"]["worse [/b]"] == {"ball": 3, "cat": 5, "mean": 4}
     for row in found.report["rows"].values():
         assert row["mean"] == pytest.approx((row["ball"] + row["cat"]) / 2)
     with (tmp_path / "t.csv").open(newline="") as file:
@@ -136,7 +136,14 @@ def test_tables_hold_means_published_rows_and_every_figure(tmp_path: Path) -> No
     some = [float(each["degrees"]) for each in lines if each["name"] == "cat" and each["seed"]]
     drawn = found.report["rows"]["this model, 4 lights, mean of 2"]
     assert drawn["cat"] == pytest.approx(np.mean(some))
-    for word in ("mean angle, degrees", "this model", "least squares", "better", "4.00"):
+    for word in (
+        "mean angle, degrees",
+        "this model",
+        "least squares",
+        "better",
+        "worse [/b]",
+        "4.00",
+    ):
         assert word in found.table
 
 

@@ -185,10 +185,12 @@ def _numbers(path: Path, texts: Mapping[str, str]) -> dict[str, float]:
 
 
 def _write_csv(path: Path, measured: Sequence[Evaluation | SingleEvaluation]) -> None:
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(measured[0]._fields)
-        writer.writerows(measured)
+    lines = io.StringIO()
+    writer = csv.writer(lines)
+    writer.writerow(measured[0]._fields)
+    writer.writerows(measured)
+    with atomic_path(path) as temporary:  # a name may be no Unicode
+        temporary.write_bytes(lines.getvalue().encode(errors="backslashreplace"))
 
 
 def _drawn(unit: str, rows: Rows, others: Rows) -> str:
@@ -204,5 +206,6 @@ def _drawn(unit: str, rows: Rows, others: Rows) -> str:
             drawn.add_row(method, *cells)
         drawn.add_section()
     text = io.StringIO()
-    Console(file=text, width=60 + 11 * len(columns)).print(drawn)
+    plain = Console(file=text, width=60 + 11 * len(columns), markup=False, emoji=False)
+    plain.print(drawn)
     return text.getvalue().rstrip()

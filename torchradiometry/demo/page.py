@@ -6,6 +6,7 @@ when the page is complete, so an interrupted demo leaves nothing half-written.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 from torchradiometry.places import check_folder_place, writing
 
@@ -89,7 +91,7 @@ def write_page(folder: Path, title: str, lead: str, sections: Sequence[Section])
         f"<h1>{escape(title)}</h1>\n<p>{escape(lead)}</p>\n{body}\n</html>\n"
     )
     with writing(page):
-        page.write_text(text, encoding="utf-8")
+        page.write_text(text, encoding="utf-8", errors="backslashreplace")
     return page
 
 
@@ -104,10 +106,9 @@ def _section(section: Section) -> str:
 
 
 def _figure(figure: Figure) -> str:
-    caption = escape(figure.caption)
+    caption, address = escape(figure.caption), quote(os.fsencode(figure.file))
     return (
-        f'<figure><img src="{escape(figure.file)}" alt="{caption}">'
-        f"<figcaption>{caption}</figcaption></figure>"
+        f'<figure><img src="{address}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
     )
 
 

@@ -37,7 +37,7 @@ def progress_bar(*steps: tuple[str, int]) -> Iterator[list[Advance]]:
         MofNCompleteColumn(table_column=Column(no_wrap=True, min_width=7)),
         TimeElapsedColumn(table_column=Column(no_wrap=True, min_width=7)),
         TimeRemainingColumn(table_column=Column(no_wrap=True, min_width=7)),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(*columns, console=Console(file=sys.stderr)) as bars:
         tasks = [bars.add_task(title, total=total, note="", start=False) for title, total in steps]
