@@ -208,7 +208,7 @@ def _above(light: Tensor, eye: Tensor, lobe: Tensor) -> Float[Tensor, "*batch 1"
 def _lit_power(d: _Dots, cosine: Tensor, exponent: Tensor) -> Float[Tensor, "*batch 1"]:
     """`power_lobe`, and 0 unless source and eye are above the surface.
 
-    Steps of 0 and 1 are multiplied: `torch.where` costs twenty products on a CPU.
+    Steps of 0 and 1 are multiplied: compiled, `torch.where` takes a quarter longer.
     """
     front, (shrinks, power) = _step(cosine), wide(1 - _step(exponent), exponent)
     lobe = torch.exp(power * torch.log(_where_or_one(front, cosine)))
