@@ -143,6 +143,10 @@ def test_a_picture_that_claims_to_be_huge_is_refused_before_decoding(tmp_path: P
     (tmp_path / "a.png").write_bytes(png_that_claims(60_000, 60_000))
     with pytest.raises(errors.ResourceLimitError, match="pixels"):
         files.read_picture(tmp_path / "a.png")
+    wide = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 60000 +X 60000\n"
+    (tmp_path / "a.hdr").write_bytes(wide)
+    with pytest.raises(errors.ResourceLimitError, match="3600000000 pixels"):
+        files.read_picture(tmp_path / "a.hdr")
     np.lib.format.open_memmap(tmp_path / "a.npy", "w+", np.uint8, (2**27 + 1,)).flush()
     with pytest.raises(errors.ResourceLimitError, match="pixels"):
         files.read_picture(tmp_path / "a.npy")

@@ -18,6 +18,7 @@ import io
 import json
 import math
 import os
+import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,8 @@ def decode_picture(data: bytes, where: str) -> NDArray[np.float32]:
 def _decoded(data: bytes, where: str) -> NDArray:
     """What OpenCV reads in the bytes of a picture. From a name it would read half a JPEG as whole,
     and no name that is not Unicode."""
-    size = _stored_size(data)
+    radiance = data.startswith(b"#?")
+    size = _radiance_size(data) if radiance else _stored_size(data)
     if size is not None:  # OpenCV's own bound holds only where it was loaded here
         _check_pixels(where, size[0] * size[1])
     cv2, stored = opencv(), np.frombuffer(data, np.uint8)
@@ -143,7 +145,8 @@ def _decoded(data: bytes, where: str) -> NDArray:
         reason = str(error).partition("\n")[0]
         raise FileFormatError(where, f"unreadable data ({reason})", "pass a picture") from error
     if pixels is None:
-        raise FileFormatError(where, "no whole picture that can be decoded", "pass a picture file")
+        mend = "pass a picture file" + ", and make room for temporary files" * radiance
+        raise FileFormatError(where, "no whole picture that can be decoded", mend)
     return _rgb(pixels)
 
 
@@ -160,6 +163,13 @@ def _stored_size(data: bytes) -> tuple[int, int] | None:
             return width, height
         at += 1 if marker == 0xFF else 2 + length
     return None
+
+
+def _radiance_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in the header of a Radiance file, the largest that it names."""
+    named = re.findall(rb"-Y (\d{1,18}) \+X (\d{1,18})", data[: 2**16])
+    sizes = [(int(width), int(height)) for height, width in named]
+    return max(sizes, key=math.prod, default=None)
 
 
 def _scaled(pixels: NDArray) -> NDArray[np.float32]:
