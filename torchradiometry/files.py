@@ -313,6 +313,17 @@ def opencv():  # type: ignore[no-untyped-def]
     return cv2
 
 
+def pillow():  # type: ignore[no-untyped-def]
+    """The module PIL.Image."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Pillow", "no installation", "run: pip install 'torchradiometry[render]'"
+        ) from error
+    return Image
+
+
 def _openexr():  # type: ignore[no-untyped-def]
     try:
         import OpenEXR

@@ -15,8 +15,8 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from torchradiometry.errors import FileFormatError, InputFileError, MissingDependencyError
-from torchradiometry.files import check_readable
+from torchradiometry.errors import FileFormatError, InputFileError
+from torchradiometry.files import check_readable, pillow
 
 __all__ = ["recorded_exposures"]
 
@@ -51,14 +51,9 @@ def recorded_exposures(files: Sequence[str | Path]) -> list[float]:
 
 def _tags(path: Path) -> dict[int, Any]:
     check_readable(path, "photograph")
+    library = pillow()
     try:
-        from PIL import Image
-    except ImportError as error:
-        raise MissingDependencyError(
-            "Pillow", "no installation", "run: pip install 'torchradiometry[render]'"
-        ) from error
-    try:
-        with Image.open(path) as image:
+        with library.open(path) as image:
             block = image.getexif().get_ifd(BLOCK)
     except Exception as error:
         if path.suffix.lower() in (".npy", ".exr", ".hdr"):

@@ -8,13 +8,14 @@ A closed mesh is one-sided. An open one has no inside, so both its sides reflect
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 import trimesh
 from numpy.typing import NDArray
 
+from torchradiometry.errors import FileFormatError
 from torchradiometry.files import srgb_to_linear
 from torchradiometry.scene.gltf_nodes import mirrors, transformed_normals, transformed_points
 from torchradiometry.scene.surface import Surface, Texture, colours
@@ -26,6 +27,8 @@ __all__ = ["GREY", "picture_pixels", "surface_from_trimesh"]
 
 #: albedo of a mesh that names no colour
 GREY = 0.5
+#: modes of Pillow whose numbers are no bytes
+DEEP = ("I", "F")
 #: what trimesh fills in where a material file names no diffuse colour
 UNSET = (102, 102, 102, 255)
 
@@ -52,6 +55,9 @@ def surface_from_trimesh(
         emission: number or channels, W/m2/sr.
         two_sided: None makes an open mesh two-sided and a closed one not.
         dtype: of the tensors, by default torch's default.
+
+    Raises:
+        FileFormatError: a texture of more than 8 bits a channel, or without coordinates.
 
     >>> import trimesh
     >>> surface_from_trimesh(trimesh.creation.box(), name="cube").albedo
@@ -98,6 +104,9 @@ def _albedo(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
+        written = np.ravel(getattr(material, "kwargs", {}).get("kd", ()))  # `Kd`, not in 8 bits
+        if len(written) in (1, 3, 4):
+            return srgb_to_linear(np.broadcast_to(written[:3], 3)).astype(np.float64)
         encoded = np.asarray(getattr(material, "diffuse", None), dtype=object).reshape(-1)
         if len(encoded) < 3 or tuple(encoded) == UNSET:
             return np.full(3, GREY if _picture(mesh) is None else 1.0)
@@ -117,13 +126,26 @@ def picture_pixels(mesh: trimesh.Trimesh) -> int:
 
 
 def _picture(mesh: trimesh.Trimesh) -> NDArray[np.float64] | None:
-    """Linear texture picture `height width 3`, if the mesh can use one."""
+    """Linear texture picture `height width 3`, None without one."""
     image = getattr(mesh.visual.material, "image", None)
-    uv = mesh.visual.uv
-    if image is None or uv is None or np.shape(uv) != (len(mesh.vertices), 2):
+    if image is None or _is_placeholder(image):
         return None
+    where = str(image.info.get("file_path", "texture"))
+    if np.shape(mesh.visual.uv) != (len(mesh.vertices), 2):
+        got = "a picture, and faces without texture coordinates"
+        raise FileFormatError(where, got, "give every corner its own, or take the picture out")
+    if image.mode.startswith(DEEP):  # Pillow would clip them
+        got = f"a texture of more than 8 bits a channel ({image.mode})"
+        raise FileFormatError(where, got, "save it with 8 bits a channel, sRGB")
     table = srgb_to_linear(np.arange(256) / 255)  # of 8 bits; nothing larger is made on the way
     return table[np.asarray(image.convert("RGB"))]
+
+
+def _is_placeholder(image: Any) -> bool:
+    """Whether it is the small grey picture of a mesh with texture coordinates and no material."""
+    grey = trimesh.visual.material.color_image()
+    same = image.format is None and (image.mode, image.size) == (grey.mode, grey.size)
+    return same and bool(np.array_equal(np.asarray(image), np.asarray(grey)))
 
 
 def _texture(mesh: trimesh.Trimesh, dtype: torch.dtype) -> Texture | None:

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-from trimesh.resolvers import Resolver
 
 from torchradiometry.errors import (
     DTypeError,
@@ -26,20 +25,23 @@ from torchradiometry.errors import (
     RadiometryError,
     ResourceLimitError,
 )
-from torchradiometry.files import MAX_BYTES, MAX_PIXELS, MAX_TEXT, check_readable
+from torchradiometry.files import MAX_PIXELS, check_readable
+from torchradiometry.scene.beside import Beside
 from torchradiometry.scene.from_trimesh import picture_pixels, surface_from_trimesh
 from torchradiometry.scene.gltf import MAX_ELEMENTS, load_gltf
-from torchradiometry.scene.gltf_container import confined
 from torchradiometry.scene.scene import Scene
+from torchradiometry.scene.wavefront import as_utf8, material_names, tidied_mesh
 
 __all__ = ["SCENE_ENDINGS", "load_scene"]
 
-#: formats that are text throughout
-TEXT_FORMATS = ("obj", "off")
 #: bytes of a mesh that is text, which grows sixtyfold while it is read
 MAX_MESH_TEXT = 2**27
-#: materials by name in one `.obj`; the time to take them apart grows with their square
-MAX_MATERIALS = 2**12
+#: bytes of a `.ply` in which its header ends
+MAX_PLY_HEADER = 2**20
+PLY_PICTURE = re.compile(rb"^comment +TextureFile([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+PLY_COORDINATES = re.compile(
+    rb"^(property[^\r\n]* (?:texture_u|texture_v|u|v|s|t|texcoord))(?=\s)", re.MULTILINE
+)
 GLTF_ENDINGS = (".gltf", ".glb")
 #: archives, which may unpack to any size; drawings and point clouds, which have no faces
 LEFT_OUT = ("zip", "gz", "bz2", "dxf", "svg", "xyz", "gltf", "glb")
@@ -93,47 +95,6 @@ def load_scene(path: str | Path, *, dtype: torch.dtype | None = None) -> Scene:
     return scene
 
 
-class _Beside(Resolver):
-    """Files that a mesh names: only those in its own folder."""
-
-    def __init__(self, folder: Path, room: int = MAX_BYTES) -> None:
-        self.folder, self.room = folder, room
-        self.too_large: ResourceLimitError | None = None  # trimesh goes on without the file
-
-    def get(self, name: str) -> bytes:
-        path = confined(self.folder, str(name).strip())
-        if path is None:
-            mend = "only files inside the folder of the mesh are opened"
-            raise FileFormatError(str(name), "an address outside", mend)
-        text = path.suffix.lower() == ".mtl"
-        most = min(self.room, MAX_TEXT) if text else self.room
-        try:
-            data = check_readable(path, "material or texture", most).read_bytes()
-        except ResourceLimitError as error:
-            self.too_large = error
-            raise
-        self.room -= len(data)
-        return _as_utf8(data) if text else data
-
-    def write(self, name: str, data: object) -> None:
-        raise InputFileError(name, "a request to write it", "meshes are only read here")
-
-    def namespaced(self, namespace: str) -> _Beside:
-        return _Beside(self.folder / namespace, self.room)
-
-    def keys(self) -> list[str]:
-        return [child.name for child in self.folder.iterdir() if child.is_file()]
-
-
-def _as_utf8(text: bytes) -> bytes:
-    """Text in UTF-8; anything else is read as Latin-1, in which every byte is a letter."""
-    try:
-        text.decode()
-    except UnicodeDecodeError:
-        return text.decode("latin-1").encode()
-    return text
-
-
 def _require_bearable(path: Path, data: bytes) -> None:
     """Refuse what would take trimesh too much memory or time."""
     binary = path.suffix.lower() == ".ply" and b"format ascii" not in data[:1000]
@@ -141,31 +102,49 @@ def _require_bearable(path: Path, data: bytes) -> None:
     if len(data) > MAX_MESH_TEXT and not binary:
         mend = f"save it as .glb or binary .ply, or with at most {MAX_MESH_TEXT} bytes"
         raise ResourceLimitError(str(path), f"{len(data)} bytes of text", mend)
-    if path.suffix.lower() == ".obj":
-        named = len(set(re.findall(rb"usemtl[^\n]*", data)))
-        if named > MAX_MATERIALS:
-            mend = f"join them to {MAX_MATERIALS}"
-            raise ResourceLimitError(str(path), f"{named} materials", mend)
+
+
+def _tidied_ply(path: Path, data: bytes) -> bytes:
+    """A `.ply` whose picture can be read; one without a picture keeps its colours, which trimesh
+    would give up for texture coordinates."""
+    head = data[: max(data.find(b"end_header", 0, MAX_PLY_HEADER), 0)]
+    named = PLY_PICTURE.findall(head)
+    for name in named:
+        Beside(path).get(name.decode(errors="replace"))
+    plain = head if named else PLY_COORDINATES.sub(rb"\1_unused", head)
+    return data if plain == head else plain + data[len(head) :]
 
 
 def _load_mesh(path: Path, dtype: torch.dtype) -> Scene:
     """A plain mesh through trimesh, with the transforms of its parts applied."""
     data, ending = path.read_bytes(), path.suffix[1:].lower()
     _require_bearable(path, data)
-    beside = _Beside(path.parent)
-    stream = io.BytesIO(_as_utf8(data) if ending in TEXT_FORMATS else data)
+    beside = Beside(path)
+    if ending == "obj":
+        data = tidied_mesh(path, data)
+    elif ending == "ply":
+        data = _tidied_ply(path, data)
+    elif ending == "off":
+        data = as_utf8(data)
     try:
-        loaded = trimesh.load_scene(stream, file_type=ending, resolver=beside, process=False)
+        loaded = trimesh.load_scene(
+            io.BytesIO(data), file_type=ending, resolver=beside, process=False
+        )
         graph = [(name, *loaded.graph[name]) for name in loaded.graph.nodes_geometry]
     except RadiometryError:
         raise
     except Exception as error:
+        if beside.fault is not None:
+            raise beside.fault from error
         # trimesh guesses the encoding of what is no text by a library that need not be there
         cause = "damaged data" if isinstance(error, ImportError) else f"{error}"
         got = f"no mesh ({cause})".replace("\n", " ")
         raise FileFormatError(str(path), got[:300], "pass a mesh file") from error
-    if beside.too_large is not None:
-        raise beside.too_large
+    if beside.fault is not None:
+        raise beside.fault
+    if beside.materials is not None and (unknown := material_names(data) - beside.materials):
+        got = f"materials that its material file lacks ({', '.join(sorted(unknown))})"
+        raise FileFormatError(str(path), got[:200], "add them there, or take them out here")
     parts = [
         (node, matrix, loaded.geometry[key])
         for node, matrix, key in graph
